@@ -3,9 +3,10 @@
     python experiments/page_in_browser.py [--json FILE] [--designs NAME ...] [--moves N]
 
 move_ms_95        for each design, 95 % quantile of the time of a slider's move, from the event to
-                  the painted frame, bars and sky, ms; each move is to a random place of a random
-                  slider
-move_cpu_ms       mean CPU time of the server for a move, ms; move_ms_95 is larger on shared cores
+                  the painted bars and sky, ms; each move is to a random place of a random slider
+images_ms_95      likewise, to the painted frame, which another process computes meanwhile
+move_cpu_ms       mean CPU time of the server for a move, without the frame, ms; move_ms_95 is
+                  larger on shared cores
 search_visible_s  longest time from a line of search.jsonl to its point on the page, s
 saved_same        1: the saved file gives the numbers shown by `startrack budget`, digit by digit
 offline           1: no request goes to another host, and no other address can be reached
@@ -36,7 +37,11 @@ from browser import Browser, browser, installed
 import startrack
 from startrack import shipped
 
-READY = "typeof begun !== 'undefined' && sides.A && sides.A.shown && !sides.A.painting"
+READY = (
+    "typeof begun !== 'undefined' && sides.A && sides.A.shown && !sides.A.painting"
+    " && sides.A.images && !sides.A.imaging"
+)
+IMAGES = "return performance.getEntriesByName('images').map((entry) => entry.duration)"
 MOVE = """
 const [n, part] = arguments;
 const range = document.querySelectorAll('#sliders input[type=range]')[n];
@@ -110,10 +115,11 @@ def compared(page: Browser) -> bool:
     page.run("document.getElementById('compare').click()")
     page.until("sides.B && sides.B.shown && !sides.B.painting")
     page.promised(MOVE, 1, 0.2)
+    page.until(READY.replace("sides.A", "sides.B"))
     same = page.run(
-        "const [a, b] = [sides.A.shown, sides.B.shown];"
-        "return a.frame.pointing[0] === b.frame.pointing[0] && a.frame.trial === b.frame.trial"
-        " && a.across !== b.across"
+        "const [a, b] = [sides.A, sides.B];"
+        "const sky = (side) => side.images.text.split(';')[0];"
+        "return sky(a).startsWith('RA') && sky(a) === sky(b) && a.shown.across !== b.shown.across"
     )
     page.run("document.getElementById('compare').click()")
     return bool(same)
@@ -201,7 +207,7 @@ def figures(designs: list[str], moves: int) -> dict[str, Any]:
     if not (installed() and moves):
         print("the page is not measured: it needs chromium, chromedriver and moves")
         return found
-    found |= {"move_ms_95": {}, "move_ms_50": {}, "move_cpu_ms": {}}
+    found |= {"move_ms_95": {}, "move_ms_50": {}, "images_ms_95": {}, "move_cpu_ms": {}}
     with tempfile.TemporaryDirectory() as name, browser() as page:
         folder = Path(name)
         for design in designs:
@@ -214,6 +220,10 @@ def figures(designs: list[str], moves: int) -> dict[str, Any]:
                 found["move_cpu_ms"][design] = round((cpu_ms(process.pid) - before) / moves, 1)
                 for part in (50, 95):
                     found[f"move_ms_{part}"][design] = round(float(np.percentile(times, part)), 1)
+                page.until(READY)
+                found["images_ms_95"][design] = round(
+                    float(np.percentile(page.run(IMAGES)[-moves:], 95)), 1
+                )
                 print(design, {part: found[f"move_ms_{part}"][design] for part in (50, 95)})
                 if design == designs[0]:
                     found["saved_same"] = int(saved_same(page, folder / design))

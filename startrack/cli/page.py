@@ -18,7 +18,7 @@ if wanted(__name__):
     from startrack.montecarlo import pool
     from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
-BESIDE = 2  # processes: one for later results, one for trials
+BESIDE = 3  # processes: for images, for later results, for trials
 
 
 declare = Options(
@@ -60,7 +60,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor: Executor) -> None:
     routes = Routes(page, options.out.resolve(), executor, options.workers, options.set)
-    first = {"changes": options.set, "trial": 0}
+    first = {"changes": options.set}
     try:
         server = PageServer(routes, options.port)
     except OSError as error:

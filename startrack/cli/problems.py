@@ -20,10 +20,17 @@ from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
 from startrack.io import aligned, finite, save_csv, save_json, save_text
-from startrack.metrics import Interval, bracketed, markdown
+from startrack.metrics import Interval, markdown
 from startrack.moving import MovingProblem, load_moving_design
 from startrack.optimise import Evaluation, Foresight
-from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
+from startrack.problem import (
+    Judgement,
+    Margin,
+    Problem,
+    beside_forecast,
+    compare_problems,
+    with_interval,
+)
 from startrack.report import write_problem_report
 
 # Options for star trackers that a problem does not accept, by command.
@@ -143,7 +150,7 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
     judged, expected = problem.judge(rows), problem.expect()
     costs = problem.costs()
     verdicts = optimise.verdicts(costs, judged)
-    lines = beside_forecast(problem, judged, expected)
+    lines = beside_forecast(problem.text(), judged, expected)
     head = ["", "by trials", "by formula"]
     table = "\n".join(
         [
@@ -304,7 +311,7 @@ def compare(options: argparse.Namespace, first: Problem, second: Problem) -> int
             f"{row.name} ({row.unit})" if row.unit else row.name,
             f"{row.first:.4g}",
             f"{row.second:.4g}",
-            _shown(row.ratio, ""),
+            with_interval(row.ratio, ""),
         ]
         for row in found
     ]
@@ -353,22 +360,6 @@ ACTIONS: dict[str, Callable[..., int]] = {
 }
 
 
-def beside_forecast(problem: Problem, judged: Judgement, expected: Expectation) -> list[list[str]]:
-    """The objective and its parts: name, value by trials, value by formula."""
-    words = problem.text()
-    return [
-        [words.value, _shown(judged.value, words.unit), f"{expected.value:.4g}"],
-        *(
-            [
-                words.parts[name][0],
-                _shown(part, words.parts[name][1]),
-                f"{expected.parts[name]:.4g}",
-            ]
-            for name, part in judged.parts.items()
-        ),
-    ]
-
-
 def _write_rows(path: Path, rows: Rows, numbers: range) -> None:
     names = rows.dtype.names or ()
     lines = [",".join(["trial", *(f'"{name}"' for name in names)])]
@@ -379,10 +370,6 @@ def _write_rows(path: Path, rows: Rows, numbers: range) -> None:
 
 def _interval(value: Interval) -> list[float]:
     return [value.value, value.low, value.high]
-
-
-def _shown(value: Interval, unit: str) -> str:
-    return f"{bracketed(value, '.4g')} {unit}".strip()
 
 
 def improved_table(problem: Problem, found: optimise.Improved) -> str:
@@ -396,10 +383,24 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         name = variable.name
         values = variable.shown(found.start[name]), variable.shown(found.best[name])
         lines.append([name, *values, f"{low} to {high}"])
-    lines.append([words.value, _shown(first.value, words.unit), _shown(last.value, words.unit), ""])
+    lines.append(
+        [
+            words.value,
+            with_interval(first.value, words.unit),
+            with_interval(last.value, words.unit),
+            "",
+        ]
+    )
     for name, (title, unit) in words.parts.items():
-        lines.append([title, _shown(first.parts[name], unit), _shown(last.parts[name], unit), ""])
-    lines.append(["start over best", "", _shown(found.factor, ""), ""])
+        lines.append(
+            [
+                title,
+                with_interval(first.parts[name], unit),
+                with_interval(last.parts[name], unit),
+                "",
+            ]
+        )
+    lines.append(["start over best", "", with_interval(found.factor, ""), ""])
     formula = f"{found.expected.value:.4g} {words.unit}".strip()
     more = [f"By formula the best has {formula}."]
     if found.apart > APART:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from startrack.design import Key, found_at
@@ -80,3 +81,14 @@ def sliders(design: Any, variables: Sequence[Bounds]) -> list[dict[str, Any]]:
         }
         for variable in variables
     ]
+
+
+def save(path: Path, write: Callable[[str], None], base: Path, command: str) -> str:
+    """Write a file with changed values over its base. Returns a message.
+
+    write    function: comment -> the file
+    command  that prints the displayed numbers
+    """
+    over = " in place of an earlier file" if path.exists() else ""
+    write(f"saved by startrack page, from {base.name}")
+    return f"{path} is written{over}; startrack {command} {path} has the numbers shown here"

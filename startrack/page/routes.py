@@ -6,6 +6,7 @@ import re
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from startrack.core import Refused
 from startrack.design import search_keys
-from startrack.page.earth import EarthPage
+from startrack.page.problem import EarthPage
 from startrack.page.search import SearchRun
 from startrack.page.tracker import TrackerPage
 from startrack.page.trials import TrialsRun
@@ -21,7 +22,6 @@ from startrack.page.trials import TrialsRun
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 MOST_CHANGES, MOST_LETTERS = 500, 20_000
 LARGEST = 2**53  # whole number of a browser
-FASTEST = 10.0  # radian / second
 
 Body = Mapping[str, Any]
 
@@ -43,15 +43,17 @@ class Routes:
         changes: list[str],
     ) -> None:
         search = SearchRun(page.path, folder / "search", page.seed, workers)
+        trials = TrialsRun(folder)
         self._painting, self._starting = threading.Lock(), threading.Lock()
-        self._page, self._executor, self._folder = page, executor, folder
-        self._stops = [search.stop]
+        self._page, self._executor, self._workers = page, executor, workers
+        self._folder, self._trials, self._stops = folder, trials, [search.stop, trials.stop]
         self._about = {
             "kind": page.kind,
             "name": page.path.stem,
             "file": str(page.path),
             "folder": str(folder),
             "changes": changes,
+            "fidelities": page.fidelities,
             "not_shown": page.not_shown,
         }
         self._by_path: dict[str, Callable[[Body], Any]] = {
@@ -61,22 +63,18 @@ class Routes:
                 key.name for key in search_keys(_text(body, "words"), page.all_keys())
             ],
             "paint": self._paint,
+            "images": lambda body: self._beside(
+                page.images, _changes(body), _whole(body, "trial"), _text(body, "condition")
+            ),
+            "later": lambda body: self._beside(page.later, _changes(body), body.get("rate")),
+            "save": lambda body: {"done": page.save(_changes(body), self._file(body))},
             "search/start": lambda body: self._alone(search.start, _changes(body)),
             "search/stop": lambda body: search.stop(),
             "search/state": lambda body: search.state(_whole(body, "first")),
+            "trials/start": self._try,
+            "trials/stop": lambda body: trials.stop(),
+            "trials/state": lambda body: trials.state(),
         }
-        if isinstance(page, TrackerPage):
-            trials = TrialsRun(page, folder, executor, workers)
-            self._stops.append(trials.stop)
-            self._by_path |= {
-                "later": lambda body: self._later(page, body),
-                "save": lambda body: {"done": page.save(_changes(body), self._file(body))},
-                "trials/start": lambda body: self._alone(
-                    trials.start, _changes(body), _whole(body, "trials"), _text(body, "fidelity")
-                ),
-                "trials/stop": lambda body: trials.stop(),
-                "trials/state": lambda body: trials.state(),
-            }
 
     def __contains__(self, path: str) -> bool:
         return path in self._by_path
@@ -100,18 +98,21 @@ class Routes:
         with self._starting:  # only one of two tabs starts a run
             start(*values)
 
+    def _try(self, body: Body) -> None:
+        """Begin trials."""
+        fidelity, every = _text(body, "fidelity"), self._page.fidelities
+        if fidelity not in [*every]:
+            raise Refused(f"fidelity must be one of {', '.join(every)}, got {fidelity!r}")
+        own = self._page.trials, _changes(body), fidelity, self._executor, self._workers
+        self._alone(self._trials.start, _whole(body, "trials"), partial(*own))
+
     def _paint(self, body: Body) -> dict[str, Any]:
         with self._painting:  # one at a time, so that each is quick
-            return self._page.paint(_changes(body), _whole(body, "trial"))
+            return self._page.paint(_changes(body))
 
-    def _later(self, page: TrackerPage, body: Body) -> Any:
-        """Longer computations: margins over units and conditions, or the error at a slew rate."""
-        rate = body.get("rate")
-        if rate is None:
-            return self._executor.submit(page.requirements, _changes(body)).result()
-        if not (isinstance(rate, int | float) and 0 <= rate < FASTEST):
-            raise Refused(f"rate must be a number from 0 to {FASTEST:g} rad / s, got {rate!r}")
-        return self._executor.submit(page.at_rate, _changes(body), float(rate)).result()
+    def _beside(self, call: Callable[..., Any], *values: Any) -> Any:
+        """A longer computation in another process."""
+        return self._executor.submit(call, *values).result()
 
     def _file(self, body: Body) -> Path:
         name = _text(body, "name")

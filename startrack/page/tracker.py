@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,17 +13,22 @@ import numpy as np
 from startrack import budget as budgets
 from startrack import design as designs
 from startrack import optimise, verification
-from startrack.core import Refused, Streams, arcsec, deg
-from startrack.design import Campaign, Case, Design
+from startrack.core import Refused, Rows, Streams, arcsec, deg
+from startrack.design import Campaign, Case, Design, Fidelity
 from startrack.io import celestial, to_table
+from startrack.metrics import correct, summarise, summary_rows, to_lines
 from startrack.observation import random_attitude
 from startrack.page import form
+from startrack.page.pictures import TOP, picture
+from startrack.page.trials import TrialColumns, TrialSource
 from startrack.plots import stretch
 from startrack.response import errors
 from startrack.trial import observe, searched
 
 # Sliders of a design without campaign variables; they range from half to twice the value.
 USUAL = ("optics.focal_length", "optics.f_number", "detector.exposure")
+FASTEST = 10.0  # radian / second
+BLOCK = 4  # trials between checks for a stop; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class TrackerPage:
     seed: int
 
     kind: ClassVar[str] = "tracker"
+    fidelities: ClassVar = tuple(Fidelity)
     all_keys: ClassVar = staticmethod(designs.design_keys)
     not_shown: ClassVar[str] = (
         "units one by one, tolerances, stray light of bodies, missions and sequences in time: see "
@@ -50,11 +56,8 @@ class TrackerPage:
         campaign = {"campaign": to_table(design.campaign)} if design.campaign else {}
         return form.rows(to_table(design.case) | campaign, self.all_keys())
 
-    def paint(self, changes: Sequence[str], trial: int) -> dict[str, Any]:
-        """All results of the design as designed; the only trial is that of the frame.
-
-        trial  number of the frame's trial: its sky and noise
-        """
+    def paint(self, changes: Sequence[str]) -> dict[str, Any]:
+        """All results by formula, of the design as designed."""
         design = self.load(changes)
         case, campaign = design.case, design.campaign
         shown: dict[str, Any] = {"sliders": _sliders(case, campaign)}
@@ -75,11 +78,40 @@ class TrackerPage:
         shown["later"] = bool(
             campaign and (campaign.over_units(case) or len(campaign.judged(case)) > 1)
         )
-        try:
-            shown["frame"] = _frame(case, self.seed, trial)
-        except Refused as reason:
-            shown["frame"] = {"refused": str(reason)}
         return shown
+
+    def images(self, changes: Sequence[str], trial: int, condition: str) -> dict[str, Any]:
+        """The frame of a trial, its spots and the error, of the design's own condition."""
+        return _frame(self.load(changes).case, self.seed, trial)
+
+    def trials(
+        self,
+        changes: Sequence[str],
+        fidelity: str,
+        executor: Executor,
+        workers: int,
+        ledger: optimise.Ledger,
+    ) -> TrialSource:
+        """The trials of `startrack montecarlo` without units."""
+        case = self.load(changes).case
+        runner = optimise.TrialRunner(self.seed, executor, workers, ledger)
+        return TrialSource(
+            rows=lambda count: runner.run(case, count, Fidelity(fidelity)),
+            columns=_columns,
+            lines=lambda rows: to_lines(summary_rows(summarise(rows))),
+            block=BLOCK,
+        )
+
+    def later(self, changes: Sequence[str], rate: Any = None) -> dict[str, Any]:
+        """Longer computations: margins over units and conditions, or the error at a slew rate.
+
+        rate  radian / second about x; None: the margins
+        """
+        if rate is None:
+            return self.requirements(changes)
+        if not (isinstance(rate, int | float) and 0 <= rate < FASTEST):
+            raise Refused(f"rate must be a number from 0 to {FASTEST:g} rad / s, got {rate!r}")
+        return self.at_rate(changes, float(rate))
 
     def requirements(self, changes: Sequence[str]) -> dict[str, Any]:
         """All margins, over units and conditions, as printed by `startrack requirements`."""
@@ -103,10 +135,12 @@ class TrackerPage:
 
     def save(self, changes: Sequence[str], path: Path) -> str:
         """Write the design as an overlay. Returns a message."""
-        note = f"saved by startrack page, from {self.path.name}"
-        over = " in place of an earlier file" if path.exists() else ""
-        designs.save_overlay(path, self.load(changes), self.path, note)
-        return f"{path} is written{over}; startrack budget {path} has the numbers shown here"
+        return form.save(
+            path,
+            lambda note: designs.save_overlay(path, self.load(changes), self.path, note),
+            self.path,
+            "budget",
+        )
 
 
 def _sliders(case: Case, campaign: Campaign | None) -> list[dict[str, Any]]:
@@ -137,6 +171,7 @@ def _budget(budget: budgets.Budget[Any]) -> dict[str, Any]:
         "causes": causes,
         "across": budget.across / arcsec,
         "about": budget.about / arcsec,
+        "value": budget.across / arcsec,
         "availability": budget.availability,
         "matched": budget.stars,
         "left_out": list(budget.left_out),
@@ -188,29 +223,39 @@ def _requirements(
 
 def _frame(case: Case, seed: int, trial: int) -> dict[str, Any]:
     """The frame of a trial as searched by the tracker, its spots and the error."""
-    streams = Streams(seed, trial)
+    streams, limit = Streams(seed, trial), case.tracker.detection.saturation
     attitude = random_attitude(streams)
     record = observe(case, attitude, streams)
     frame = record.frame if case.instrument.detector.scan else searched(case, record.frame)
-    shown = stretch(frame.image, case.tracker.detection.saturation)
+    shown, outcome = stretch(frame.image, limit), record.outcome
     # Most pixels are as dark as the background.
     level, bright = np.zeros(shown.image.shape), shown.image > shown.black
     level[bright] = np.minimum(shown.level(shown.image[bright]), 1.0)
     matched = np.isin(np.arange(len(record.spots)), record.matches.spot)
-    return {
-        "size": frame.image.shape,
-        "shape": shown.image.shape,
-        "block": shown.block,
-        "pixels": base64.b64encode((255 * level + 0.5).astype(np.uint8).tobytes()).decode(),
-        "black": shown.black,
-        "white": shown.white,
-        "saturated": shown.saturated,
-        "x": record.spots.x.round(2).tolist(),
-        "y": record.spots.y.round(2).tolist(),
-        "matched": matched.tolist(),
-        "pointing": celestial(attitude),
-        "trial": trial,
-        "status": str(record.estimate.status),
-        "solved": bool(record.outcome.solved),
-        "errors": [getattr(record.outcome, f"error_{axis}") / arcsec for axis in "xyz"],
+    places = np.stack([record.spots.x, record.spots.y], 1)
+    marks = {"spot matched": places[matched], "spot not matched": places[~matched]}
+    right_ascension, declination = celestial(attitude)[:2]
+    errors = [getattr(outcome, f"error_{axis}") / arcsec for axis in "xyz"]
+    error = f"error {', '.join(f'{value:.3g}' for value in errors)} arcsec about x, y, z"
+    notes = [
+        f"RA {right_ascension:.2f}°, Dec {declination:.2f}°",
+        error if outcome.solved else str(record.estimate.status),
+    ]
+    if shown.block > 1:
+        notes.append(f"each point is the largest of {shown.block} by {shown.block} pixels")
+    if shown.saturated:
+        notes.append(f"{shown.saturated} pixels saturated")
+    drawn = picture("frame, bright pixels compressed", frame.image.shape, TOP * level, marks)
+    ends = {"unit": "digital number", "low": shown.black, "high": shown.white, "grey": True}
+    return {"text": "; ".join(notes), "images": [drawn | {"block": shown.block} | ends]}
+
+
+def _columns(rows: Rows) -> TrialColumns:
+    """Errors in arcsec and stars of each trial."""
+    radial = np.sqrt((rows["error_x"] ** 2 + rows["error_y"] ** 2) / 2)
+    values = {
+        "error across (arcsec rms per axis)": radial / arcsec,
+        "about (arcsec)": np.abs(rows["error_z"]) / arcsec,
+        "stars": rows["stars"],
     }
+    return TrialColumns(values, correct(rows))

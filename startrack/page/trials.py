@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import Refused, Rows, arcsec
-from startrack.design import Fidelity
-from startrack.metrics import correct, summarise, summary_rows, to_lines
-from startrack.optimise import Ledger, TrialRunner
-from startrack.page.tracker import TrackerPage
+from startrack.core import Flags, Refused, Rows
+from startrack.optimise import Ledger
 
-BLOCK = 4  # trials between checks for a stop; chosen by hand
 MOST = 100_000
+
+
+class TrialColumns(NamedTuple):
+    """Values (n,) of each trial by name and unit, the plotted ones first; and its success."""
+
+    values: Mapping[str, NDArray[Any]]
+    good: Flags
+
+
+class TrialSource(NamedTuple):
+    """Trials of a design.
+
+    rows     function: number of trials -> their rows
+    columns  function: rows -> values of each trial
+    lines    function: all rows -> lines of a summary
+    block    trials between checks for a stop
+    """
+
+    rows: Callable[[int], Rows]
+    columns: Callable[[Rows], TrialColumns]
+    lines: Callable[[Rows], list[str]]
+    block: int
 
 
 class TrialsRun:
@@ -26,12 +44,11 @@ class TrialsRun:
     A ledger in the folder keeps the trials, so that a run can continue.
     """
 
-    def __init__(self, page: TrackerPage, folder: Path, executor: Executor, workers: int) -> None:
-        self._page, self._folder = page, folder
-        self._executor, self._workers = executor, workers
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
-        self._rows: Rows | None = None
+        self._state: dict[str, Any] = {"count": 0}
         self._error = ""
 
     @property
@@ -39,31 +56,36 @@ class TrialsRun:
         """Whether trials run."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, changes: Sequence[str], trials: int, fidelity: str) -> None:
+    def start(self, trials: int, source_of: Callable[[Ledger], TrialSource]) -> None:
         """Begin trials, or continue trials with the same values."""
         if self.running:
             raise Refused("trials run already: stop them before others begin")
         if not 1 <= trials <= MOST:
             raise Refused(f"trials must be from 1 to {MOST}, got {trials}")
-        if fidelity not in [*Fidelity]:
-            raise Refused(f"fidelity must be one of {', '.join(Fidelity)}, got {fidelity!r}")
-        case = self._page.load(changes).case
+        source_of(Ledger())  # refuses a bad value before the thread begins
         self._stop.clear()
-        self._rows, self._error = None, ""
-
-        def compute() -> None:
-            try:
-                with np.errstate(all="ignore"), Ledger(self._folder / "trials.sqlite") as ledger:
-                    runner = TrialRunner(self._page.seed, self._executor, self._workers, ledger)
-                    for count in range(BLOCK, trials + BLOCK, BLOCK):
-                        self._rows = runner.run(case, min(count, trials), Fidelity(fidelity))
-                        if self._stop.is_set():
-                            break
-            except (ValueError, OSError) as reason:
-                self._error = str(reason)
-
-        self._thread = threading.Thread(target=compute, daemon=True)
+        self._state, self._error = {"count": 0}, ""
+        self._thread = threading.Thread(target=self._run, args=(trials, source_of), daemon=True)
         self._thread.start()
+
+    def _run(self, trials: int, source_of: Callable[[Ledger], TrialSource]) -> None:
+        try:
+            with np.errstate(all="ignore"), Ledger(self._folder / "trials.sqlite") as ledger:
+                self._compute(source_of(ledger), trials)
+        except (ValueError, OSError) as reason:
+            self._error = str(reason)
+
+    def _compute(self, source: TrialSource, trials: int) -> None:
+        columns, good = dict[str, list[float]](), list[bool]()
+        while len(good) < trials and not self._stop.is_set():
+            rows = source.rows(min(len(good) + source.block, trials))
+            new = source.columns(rows[len(good) :])
+            columns = {
+                name: columns.get(name, []) + values.tolist() for name, values in new.values.items()
+            }
+            good = good + new.good.tolist()
+            state = {"count": len(good), "columns": columns, "good": good}
+            self._state = state | {"lines": source.lines(rows)}
 
     def stop(self) -> None:
         """End after the current block."""
@@ -72,16 +94,6 @@ class TrialsRun:
             self._thread.join()
 
     def state(self) -> dict[str, Any]:
-        """All trials so far: errors in arcsec, whether each is correct; the lines of a summary."""
-        rows, state = self._rows, {"running": self.running, "message": self._error}
-        if rows is None or not len(rows):
-            return state | {"count": 0}
-        radial = np.sqrt((rows["error_x"] ** 2 + rows["error_y"] ** 2) / 2)
-        return state | {
-            "count": len(rows),
-            "across": (radial / arcsec).tolist(),
-            "about": (np.abs(rows["error_z"]) / arcsec).tolist(),
-            "stars": rows["stars"].tolist(),
-            "correct": correct(rows).tolist(),
-            "lines": to_lines(summary_rows(summarise(rows))),
-        }
+        """Values of all trials so far, whether each succeeded, and the lines of a summary."""
+        running = self.running  # before the last state is read
+        return self._state | {"running": running, "message": self._error}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from startrack.core import Refused, printed
+from startrack.core import Floats, Refused, printed
 from startrack.metrics import Interval
 
 
@@ -84,6 +84,38 @@ class Words(NamedTuple):
     value: str
     unit: str
     parts: Mapping[str, tuple[str, str]] = {}
+
+
+NO_MARKS: Mapping[str, Floats] = {}
+
+
+@printed
+class TrialImage(NamedTuple):
+    """An image of a trial, or of the truth or the result that belongs to it.
+
+    name     in words
+    unit     of the values, as a text; "" for a pure number
+    values   (rows, columns); numbers of classes, where there are classes; NaN: nothing
+    marks    (n, 2) pixel, columns first, by what they mark
+    classes  their names
+    scale    images of a trial with the same scale are drawn with the same range of colours; "": the
+             image has its own
+    """
+
+    name: str
+    unit: str
+    values: Floats
+    marks: Mapping[str, Floats] = NO_MARKS
+    classes: tuple[str, ...] = ()
+    scale: str = ""
+
+
+@printed
+class TrialView(NamedTuple):
+    """Images of a trial, and what they show in words."""
+
+    images: tuple[TrialImage, ...]
+    text: str
 
 
 @printed

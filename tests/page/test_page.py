@@ -57,17 +57,20 @@ class Client:
         return json.loads(content)
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("page")
-    tracker = TrackerPage(DESIGN, 1)
-    routes = Routes(tracker, folder, Serial(), 1, [])
+def served(front, factory):
+    folder = factory.mktemp("page")
+    routes = Routes(front, folder, Serial(), 1, [])
     with PageServer(routes, 0) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         yield Client(server, folder)
         routes.close()
         server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    yield from served(TrackerPage(DESIGN, 1), tmp_path_factory)
 
 
 def output_of(capsys, *words):
@@ -127,7 +130,7 @@ def test_a_bad_value_ends_in_the_sentence_of_the_command(page, capsys):
     assert page.ask("paint", changes=[change])["refused"] in capsys.readouterr().err
     assert "KEY=VALUE" in page.ask("paint", changes=[7])["refused"]
     assert "list" in page.ask("paint", changes="all")["refused"]
-    assert "whole number" in page.ask("paint", trial=-1)["refused"]
+    assert "whole number" in page.ask("images", trial=-1)["refused"]
     assert "rate must be" in page.ask("later", rate="fast")["refused"]
 
 
@@ -173,9 +176,9 @@ def test_nothing_is_written_outside_the_folder(page, name):
 
 
 def test_a_frame_is_that_of_the_trial(page):
-    first, same, other = (page.ask("paint", trial=trial)["frame"] for trial in (3, 3, 4))
+    first, same, other = (page.ask("images", trial=trial) for trial in (3, 3, 4))
     assert first == same
-    assert first["pixels"] != other["pixels"]
+    assert first["images"][0]["levels"] != other["images"][0]["levels"]
 
 
 def test_a_form_has_units_limits_and_the_words_of_datasheets(page):
@@ -268,10 +271,65 @@ def test_a_search_ends_when_the_page_is_killed(tmp_path):
     assert (tmp_path / "ledger.sqlite").exists()
 
 
-def test_an_earth_camera_has_forecast_margins_and_sliders():
-    page = EarthPage(Path(str(shipped("scenes/hsrs.toml"))), 1)
-    shown = page.paint([], 0)
-    assert shown["answer"].startswith("smallest fire")
+SPECTRA = ["retrieval.minerals.step=140 nm", "channels.*.optics.f_number=2.3"]
+
+
+@pytest.fixture(scope="module")
+def earth(tmp_path_factory):
+    yield from served(EarthPage(Path(str(shipped("scenes/mertis.toml"))), 1), tmp_path_factory)
+
+
+def test_an_earth_camera_has_forecast_margins_sliders_and_keys(earth):
+    shown = earth.ask("paint", changes=[])
+    assert shown["answer"].startswith("error of emissivity")
     assert shown["sliders"]
     assert all(row["limit"] for row in shown["requirements"])
-    assert page.form([])
+    assert "retrieval.minerals.step" in {row["key"] for row in earth.ask("form", changes=[])}
+    assert "no results that come later" in earth.ask("later", changes=[])["refused"]
+
+
+def test_a_saved_scene_has_the_numbers_that_were_shown(earth, capsys):
+    shown = earth.ask("paint", changes=SPECTRA)
+    earth.ask("save", changes=SPECTRA, name="mine")
+    file = earth.folder / "mine.toml"
+    assert 'base = "scenes/mertis.toml"' in file.read_text()
+    main(["requirements", str(file), "--json"])
+    printed = json.loads(capsys.readouterr().out.splitlines()[0])
+    assert printed["expected"] == shown["value"]
+    assert printed["margins"] == {row["name"]: row["margin"] for row in shown["requirements"]}
+
+
+def test_trials_of_a_scene_are_those_of_montecarlo(earth, capsys):
+    asked = {"changes": [], "trials": 200, "fidelity": "image"}
+    earth.ask("trials/start", **asked)
+    state = ended(earth, "trials")
+    assert state["count"] == 200
+    assert next(iter(state["columns"])) == "error of emissivity"
+    values, first, second = (
+        state["columns"][name]
+        for name in (
+            "error of emissivity",
+            "nominal: square of emissivity",
+            "evening: square of emissivity",
+        )
+    )
+    assert values[7] == pytest.approx((first[7] * second[7]) ** 0.25)
+    words = "montecarlo", "mertis", "--trials", "200", "--workers", "1"
+    result = output_of(capsys, *words)
+    assert f"{result['value'][0]:.4g} [{result['value'][1]:.4g}" in "\n".join(state["lines"])
+    assert (
+        "fidelity must be one of image"
+        in earth.ask("trials/start", trials=1, fidelity="x")["refused"]
+    )
+
+
+def test_images_of_a_scene_have_units_scales_and_the_truth_beside_the_result(earth):
+    view = earth.ask("images", trial=130, condition="evening")
+    names = [image["name"] for image in view["images"]]
+    assert names[1:3] == ["emissivity, true", "emissivity, retrieved"]
+    scales = {(image["low"], image["high"]) for image in view["images"][1:3]}
+    assert len(scales) == 1
+    assert view["images"][0]["unit"] == "W / m2 / sr / um"
+    # Trial 130 is the third spectrum of the second image.
+    assert view["images"][0]["marks"][0]["y"] == [2]
+    assert "conditions must be" in earth.ask("images", condition="noon")["refused"]

@@ -15,6 +15,7 @@ sea            A sea of wind waves -> the spectrum of its elevation, and its slo
 glint          Waves of random slopes -> the brightness of their glint, and the scatter of its
 squares.
 waves          Waves: height and direction of waves in the glint; their forecast and trials.
+views          A trial of a retrieval -> its images, truth and result beside each other, and words.
 criteria       Criteria of each retrieval: names, values by formula and values by trials.
 study          EarthDesign: a scene with its camera, retrieval and campaign; reads them from a file.
 keys           The keys of a scene file, as a list and as a JSON Schema.

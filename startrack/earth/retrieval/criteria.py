@@ -9,10 +9,11 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals, stereo, waves
+from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals, stereo, views, waves
 from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
+from startrack.problem import TrialView
 
 LARGEST = 1e12  # square metre; area of a fire that is not found, where numbers must be finite
 
@@ -58,6 +59,12 @@ class RetrievalStudy(Protocol):
 
     def image(self, seed: int, number: int) -> dict[str, Floats]:
         """Values (n,) of each column, for the trials of one image."""
+
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """Images of an image's trial, from the same functions as its values.
+
+        trial  number of the trial among those of the image
+        """
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """The criterion from (n,) values of its column."""
@@ -131,20 +138,24 @@ class Fires(NamedTuple):
     def image(self, seed: int, number: int) -> dict[str, Floats]:
         """As in `RetrievalStudy`."""
         spots = self.spots
-        views = hot_spots.views_of(self.design, spots)
-        image = hot_spots.image_of(self.design, spots, views, seed, number)
+        seen = hot_spots.views_of(self.design, spots)
+        image = hot_spots.image_of(self.design, spots, seen, seed, number)
         columns = dict[str, Floats]()
         guesses = forecast_fires(self.design, spots).areas
         for name, kelvin, guess in zip(self.criteria, spots.temperatures, guesses, strict=False):
-            begin = guess if 0 < guess < math.inf else views.mid.across * views.mid.along / 100
-            columns[name] = hot_spots.smallest_areas(views, image, spots, kelvin, begin)
-        found = hot_spots.measure(views, image, spots)
+            begin = guess if 0 < guess < math.inf else seen.mid.across * seen.mid.along / 100
+            columns[name] = hot_spots.smallest_areas(seen, image, spots, kelvin, begin)
+        found = hot_spots.measure(seen, image, spots)
         true = fire.radiated_power(spots.temperature, spots.area)
         return columns | {
             "power": found.power / true - 1,
             "temperature": found.temperature,
             "estimated area": found.area,
         }
+
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """As in `RetrievalStudy`."""
+        return views.view_fires(self.design, self.spots, seed, number, trial)
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`.
@@ -205,6 +216,10 @@ class Spectra:
             "temperature": found.temperature - spectra.temperature,
             "christiansen": found.christiansen - spectra.christiansen,
         }
+
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """As in `RetrievalStudy`."""
+        return views.view_spectra(self.design, self.own, seed, number, trial)
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`."""
@@ -269,6 +284,10 @@ class MosaicStudy:
             "wrong": np.array([(cover != image.cover).mean()]),
         }
 
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """As in `RetrievalStudy`."""
+        return views.view_land(self.design, self.own, seed, number, trial)
+
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`."""
         interval = rms_interval(values, confidence)
@@ -318,6 +337,10 @@ class TerrainStudy:
             "square of height": np.array([square]),
             "unmatched": np.array([1 - found.matched.sum() / max(found.inside.sum(), 1)]),
         }
+
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """As in `RetrievalStudy`."""
+        return views.view_terrain(self.design, self.own, seed, number, trial)
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`."""
@@ -376,6 +399,10 @@ class SeaStudy:
             "square of wave direction": np.array([turn**2]),
             "wavelength": np.array([found.wavelength / self.own.peak_wavelength - 1]),
         }
+
+    def view(self, seed: int, number: int, trial: int) -> TrialView:
+        """As in `RetrievalStudy`."""
+        return views.view_sea(self.design, self.own, seed, number, trial)
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`."""

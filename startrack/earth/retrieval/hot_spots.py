@@ -268,6 +268,15 @@ def observed(views: Views, image: Image, spots: HotSpots, fires: Burning, area: 
     return contrast_of(radiance[0], radiance[1], spots.window, spots.guard)
 
 
+def highest_near(score: Singles, image: Image, views: Views) -> Floats:
+    """The highest score (n,) of the pixels that count as each fire of an image."""
+    near = pixels_of_fire(views.mid)
+    return np.array(
+        [score[y - near : y + near + 1, x - near : x + near + 1].max() for x, y in image.pixel],
+        np.float64,
+    )
+
+
 def smallest_areas(
     views: Views, image: Image, spots: HotSpots, temperature: float, guess: float
 ) -> Floats:
@@ -282,17 +291,9 @@ def smallest_areas(
     limit = threshold_of(spots.false_alarms, spots.window, spots.guard)
     fires = burning(views, image, temperature, guess)
     count, most = len(image.pixel), views.mid.across * views.mid.along
-    near = pixels_of_fire(views.mid)
 
     def score(area: Floats) -> Floats:
-        values = observed(views, image, spots, fires, area).score
-        return np.array(
-            [
-                values[y - near : y + near + 1, x - near : x + near + 1].max()
-                for x, y in image.pixel
-            ],
-            np.float64,
-        )
+        return highest_near(observed(views, image, spots, fires, area).score, image, views)
 
     low, below = np.zeros(count), score(np.zeros(count))
     area = np.full(count, min(guess, most))
@@ -327,11 +328,23 @@ class MeasuredFires(NamedTuple):
     area: Floats
 
 
+def observed_fires(views: Views, image: Image, spots: HotSpots) -> Contrast:
+    """An image with fires of the study's area and temperature."""
+    fires = burning(views, image, spots.temperature, spots.area)
+    return observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
+
+
 def measure(views: Views, image: Image, spots: HotSpots) -> MeasuredFires:
     """Retrieved radiative power, temperature and area of fires of the study's area and
     temperature."""
-    fires = burning(views, image, spots.temperature, spots.area)
-    seen = observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
+    return measured_power(views, image, spots, observed_fires(views, image, spots))
+
+
+def measured_power(views: Views, image: Image, spots: HotSpots, seen: Contrast) -> MeasuredFires:
+    """Retrieved radiative power, temperature and area of the fires of an image.
+
+    seen  as `observed_fires`
+    """
     half = spots.guard
     sums = []
     layers = (seen.mid, seen.mid_around), (seen.thermal, seen.thermal_around)

@@ -21,10 +21,10 @@ from startrack.earth.geometry import flight_height, ground_rate
 from startrack.earth.imager import figures, known, margins_of
 from startrack.earth.retrieval.criteria import Criterion, RetrievalStudy, study_of
 from startrack.earth.retrieval.fire_forecast import band_in
-from startrack.earth.retrieval.study import CameraLimits, EarthCampaign, EarthDesign, lenses_of
+from startrack.earth.retrieval.study import OWN, CameraLimits, EarthCampaign, EarthDesign, lenses_of
 from startrack.io import to_table
 from startrack.metrics import Interval
-from startrack.problem import Bounds, Expectation, Judgement, Margin, Words
+from startrack.problem import Bounds, Expectation, Judgement, Margin, TrialView, Words
 
 IMAGE = "image"
 
@@ -87,6 +87,11 @@ class EarthProblem:
         )
 
     fidelities = (IMAGE,)
+
+    @property
+    def per_image(self) -> int:
+        """Trials of an image, at most over the conditions."""
+        return max(study.per_image for study in self.studies.values())
 
     def replaced(self, values: Mapping[str, float]) -> EarthProblem:
         """The problem with other values (SI) of parameters and of the parameters linked to them.
@@ -189,6 +194,16 @@ class EarthProblem:
                 for name, values in _image(self.conditions[condition][1], seed, image).items():
                     rows[f"{condition}: {name}"][mine] = values[every[mine] % count]
         return rows
+
+    def view(self, seed: int, number: int, condition: str = OWN) -> TrialView:
+        """Images of a trial in a condition, from the same functions as its row.
+
+        Raises  ValueError if there is no such condition, and as `trials`.
+        """
+        (name,) = self._asked([condition])
+        study = self.studies[name]
+        image, trial = divmod(number, study.per_image)
+        return study.view(seed, image, trial)
 
     def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
         """The objective and the margins of rows, with confidence intervals."""

@@ -17,6 +17,8 @@ class Side {
       radio.addEventListener("change", () => this.draw());
     });
     this.box.querySelector(".sky select").addEventListener("change", () => this.draw());
+    this.condition = this.box.querySelector(".images select");
+    this.condition.addEventListener("change", () => this.askImages());
     byId("sides").append(this.box);
     this.shown = this.ghost = this.later = null;
     this.rates = [];
@@ -43,8 +45,7 @@ class Side {
       number = this.number;
       const began = this.event || performance.now();
       this.event = null;
-      const asked = { changes: this.list, trial: byId("trial").valueAsNumber || 0 };
-      const shown = await ask("paint", asked);
+      const shown = await ask("paint", { changes: this.list });
       if (!shown) break;
       this.box.classList.toggle("old", Boolean(shown.refused));
       if (shown.refused) {
@@ -55,6 +56,7 @@ class Side {
       this.later = null;
       this.rates = [];
       this.draw();
+      this.askImages(began);
       await new Promise(requestAnimationFrame);
       performance.measure("move", { start: began, end: performance.now() });
     }
@@ -62,9 +64,26 @@ class Side {
     this.timer = setTimeout(() => this.askLater(), QUIET);
   }
 
+  // One request at a time; of those that come meanwhile, the last one counts.
+  async askImages(began = performance.now()) {
+    this.wanted = began;
+    if (this.imaging) return;
+    this.imaging = true;
+    for (let start = began; this.wanted; start = this.wanted) {
+      this.wanted = null;
+      const trial = byId("trial").valueAsNumber || 0;
+      const view = await ask("images", { changes: this.list, trial, condition: this.condition.value });
+      if (!view) break;
+      this.images = view;
+      drawPictures(this.panel("images"), view, trial);
+      performance.measure("images", { start, end: performance.now() });
+    }
+    this.imaging = false;
+  }
+
   async askLater() {
     const number = this.number, shown = this.shown, changes = this.list;
-    if (!shown || about.kind !== "tracker" || shown.blind) return;
+    if (!shown || shown.blind) return;
     if (shown.later) {
       const found = await ask("later", { changes });
       if (number !== this.number || !found) return;
@@ -85,25 +104,28 @@ class Side {
     const beside = other && other.shown;
     this.box.querySelector(".title").textContent = comparing ? `Design ${this.name}` : "";
     const answer = shown.blind || shown.answer || "";
-    const ratio = comparing && this.name === "B" && beside && beside.across && shown.across
-      ? `. Error across, B over A: ${digits(shown.across / beside.across, 3)}` : "";
+    const ratio = comparing && this.name === "B" && beside && beside.value && shown.value
+      ? `. B over A: ${digits(shown.value / beside.value, 3)}` : "";
     this.box.querySelector(".answer").textContent = answer + ratio;
-    if (about.kind === "earth") {
-      drawParts(this.panel("parts"), shown, ghost);
-    } else {
-      drawFrame(this.panel("frame"), shown.frame);
-      drawBudget(this.panel("budget"), shown, ghost, beside);
-      if (shown.sky) drawSky(this.panel("sky"), shown.sky, beside && beside.sky);
-    }
+    this.showConditions(shown.conditions || []);
+    if (about.kind === "tracker") drawBudget(this.panel("budget"), shown, ghost, beside);
+    else drawParts(this.panel("parts"), shown, ghost);
+    if (shown.sky) drawSky(this.panel("sky"), shown.sky, beside && beside.sky);
     this.drawRequirements();
     clearTimeout(this.curves); // which are drawn when nothing else is waited for
     this.curves = setTimeout(() => this.drawCurves(), 50);
   }
 
+  showConditions(names) {
+    this.condition.hidden = names.length < 2;
+    if (names.join() === [...this.condition.options].map((option) => option.value).join()) return;
+    this.condition.replaceChildren(...names.map((name) => element("option", name)));
+  }
+
   drawCurves() {
     const { shown, ghost } = this;
     if (shown.stars) drawMagnitude(this.panel("magnitude"), shown.stars, ghost && ghost.stars);
-    if (about.kind === "tracker") this.drawSlew();
+    if (shown.rates) this.drawSlew();
   }
 
   drawSlew() {
@@ -355,7 +377,7 @@ byId("save").addEventListener("submit", async (event) => {
   if (done) say(done.done || done.refused, "note");
 });
 
-byId("trial").addEventListener("change", () => Object.values(sides).forEach((side) => side.paint()));
+byId("trial").addEventListener("change", () => Object.values(sides).forEach((side) => side.askImages()));
 byId("form").addEventListener("toggle", () => byId("form").open && loadForm());
 byId("words").addEventListener("input", showForm);
 window.addEventListener("resize", () => {

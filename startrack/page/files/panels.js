@@ -2,7 +2,7 @@
 // What a design is drawn as. Each function takes the section of a side and what the server said.
 
 const VIRIDIS = ["#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962",
-  "#addc30", "#fde725"].map((text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)));
+  "#addc30", "#fde725"].map(rgb);
 const BLUE = "#0072b2", ORANGE = "#e69f00", RED = "#d55e00", GREY = "#8a94a0", SKY = "#56b4e9";
 
 function element(name, text, parent, kind) {
@@ -26,46 +26,89 @@ function colour(part) {
   return VIRIDIS[low].map((value, k) => value + (at - low) * (VIRIDIS[high][k] - value));
 }
 
-// --- frame ---------------------------------------------------------------------------------------
+// --- images --------------------------------------------------------------------------------------
 
-function drawFrame(panel, frame) {
-  const canvas = panel.querySelector("canvas"), words = panel.querySelector("p");
-  if (frame.refused) {
-    words.textContent = frame.refused;
-    return;
-  }
-  const bytes = atob(frame.pixels), [rows, columns] = frame.shape;
-  const image = new ImageData(columns, rows), pixels = new Uint32Array(image.data.buffer);
-  for (let n = 0; n < pixels.length; n++) pixels[n] = 0xff000000 | (bytes.charCodeAt(n) * 0x010101);
-  const plain = drawFrame.plain ||= document.createElement("canvas");
-  plain.width = columns;
-  plain.height = rows;
-  plain.getContext("2d").putImageData(image, 0, 0);
-  canvas.width = 640;
-  canvas.height = Math.round(640 * frame.size[0] / frame.size[1]);
-  const scale = 640 / frame.size[1], pen = canvas.getContext("2d");
+const CLASSES = ["#0072b2", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#56b4e9", "#000000"];
+const MARKS = [["○", SKY], ["□", ORANGE], ["△", RED], ["◇", "#fff"]]; // a shape and a colour each
+const NOTHING = 0xffc8c8c8; // pixel without a value
+
+function rgb(text) {
+  return [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16));
+}
+
+function packed([r, g, b]) {
+  return 0xff000000 | (b << 16) | (g << 8) | r;
+}
+
+function drawPictures(panel, view, trial) {
+  const words = panel.querySelector("p");
+  words.textContent = view.refused || `Trial ${trial}: ${view.text}.`;
+  if (view.refused) return;
+  const marks = view.images[0].marks
+    .map((mark, n) => `${MARKS[kindOf(mark, n)][0]} ${mark.name}: ${mark.x.length}`);
+  if (marks.length) words.textContent += ` ${marks.join(", ")}.`;
+  panel.querySelector(".pictures").replaceChildren(
+    ...view.images.map((image) => drawPicture(image, view.images.length > 1 ? 320 : 640)));
+}
+
+function drawPicture(image, wide) {
+  const box = element("figure"), canvas = element("canvas", undefined, box);
+  const bytes = atob(image.levels), [rows, columns] = image.shape, named = image.classes || [];
+  const shade = (level) => named.length ? rgb(CLASSES[level % CLASSES.length])
+    : image.grey ? [level, level, level] : colour(level / 254);
+  const shades = Uint32Array.from({ length: 256 }, (_, level) => packed(shade(level)));
+  shades[255] = NOTHING;
+  const plain = document.createElement("canvas"), data = new ImageData(columns, rows);
+  const pixels = new Uint32Array(data.data.buffer);
+  for (let n = 0; n < pixels.length; n++) pixels[n] = shades[bytes.charCodeAt(n)];
+  Object.assign(plain, { width: columns, height: rows });
+  plain.getContext("2d").putImageData(data, 0, 0);
+  const scale = wide / image.size[1], high = Math.round(scale * image.size[0]);
+  Object.assign(canvas, { width: wide, height: high + (named.length ? 0 : 42) });
+  const pen = canvas.getContext("2d"), block = (image.block || image.size[1] / columns) * scale;
   pen.imageSmoothingEnabled = false;
-  const wide = columns * frame.block * scale, high = rows * frame.block * scale;
-  pen.drawImage(plain, 0, 0, wide, high);
-  pen.lineWidth = 2;
-  frame.x.forEach((x, n) => {
-    const u = (x + 0.5) * scale, v = (frame.y[n] + 0.5) * scale;
-    pen.beginPath();
-    pen.strokeStyle = frame.matched[n] ? SKY : ORANGE;
-    if (frame.matched[n]) pen.arc(u, v, 9, 0, 2 * Math.PI);
-    else pen.rect(u - 8, v - 8, 16, 16);
-    pen.stroke();
+  pen.drawImage(plain, 0, 0, columns * block, rows * block);
+  image.marks.forEach((mark, n) => mark.x.forEach((x, k) => {
+    drawMark(pen, kindOf(mark, n), (x + 0.5) * scale, (mark.y[k] + 0.5) * scale, 4 + wide / 128);
+  }));
+  const caption = element("figcaption", `${image.name}${image.unit ? ` (${image.unit})` : ""}`, box);
+  named.forEach((name, n) => {
+    element("span", "■", caption).style.color = CLASSES[n % CLASSES.length];
+    caption.append(`${name} `);
   });
-  const matched = frame.matched.filter(Boolean).length, [x, y, z] = frame.errors;
-  const [ra, dec] = frame.pointing;
-  const error = frame.solved
-    ? `error ${digits(x, 3)}, ${digits(y, 3)}, ${digits(z, 3)} arcsec about x, y, z`
-    : frame.status;
-  words.textContent = `Trial ${frame.trial}: RA ${ra.toFixed(2)}°, Dec ` +
-    `${dec.toFixed(2)}°; ${matched} spots matched (○), ${frame.x.length - matched} not (□); ` +
-    `${error}. Black ${digits(frame.black, 3)}, white ${digits(frame.white, 3)} digital numbers` +
-    (frame.block > 1 ? `, largest of ${frame.block} × ${frame.block} pixels` : "") +
-    (frame.saturated ? `; ${frame.saturated} pixels saturated` : "");
+  if (!named.length) drawScale(pen, wide, high, shade, `≤ ${digits(image.low, 3)}`, "", `≥ ${digits(image.high, 3)}`);
+  return box;
+}
+
+const kindOf = (mark, n) => mark.name.endsWith("this trial") ? MARKS.length - 1 : n;
+
+function drawMark(pen, kind, u, v, size) {
+  pen.beginPath();
+  if (kind === 0) pen.arc(u, v, size, 0, 2 * Math.PI);
+  else if (kind === 1) pen.rect(u - size, v - size, 2 * size, 2 * size);
+  else {
+    const corners = kind === 2 ? [[0, -1.3], [1.2, 0.8], [-1.2, 0.8]] : [[0, -2], [2, 0], [0, 2], [-2, 0]];
+    corners.forEach(([x, y]) => pen.lineTo(u + x * size, v + y * size));
+    pen.closePath();
+  }
+  for (const [wide, shade] of [[4, "#000"], [2, MARKS[kind][1]]]) {
+    Object.assign(pen, { lineWidth: wide, strokeStyle: shade });
+    pen.stroke();
+  }
+}
+
+// The scale of colours below an image, with both ends.
+function drawScale(pen, wide, high, shade, low, title, top) {
+  for (let u = 0; u < wide; u++) {
+    pen.fillStyle = `rgb(${shade(254 * u / wide).join(",")})`;
+    pen.fillRect(u, high + 6, 1, 12);
+  }
+  pen.fillStyle = "#1c2530";
+  pen.font = "16px system-ui, sans-serif";
+  [[low, "left", 0], [title, "center", wide / 2], [top, "right", wide]].forEach(([text, side, u]) => {
+    pen.textAlign = side;
+    pen.fillText(text, u, high + 35);
+  });
 }
 
 // --- budget --------------------------------------------------------------------------------------
@@ -111,10 +154,10 @@ function drawBudget(panel, shown, before, other) {
 function drawParts(panel, shown, before) {
   const old = new Map(((before && before.parts) || []).map((part) => [part.name, part.value]));
   const table = element("table");
-  for (const { name, value } of shown.parts || []) {
+  for (const { name, value, unit } of shown.parts || []) {
     const line = element("tr", undefined, table), ghost = old.get(name);
     element("td", name, line);
-    const cell = element("td", digits(value), line);
+    const cell = element("td", `${digits(value)} ${unit}`, line);
     if (ghost !== undefined && ghost !== value) element("small", `before ${digits(ghost)}`, cell);
   }
   panel.querySelector(".bars").replaceChildren(table);
@@ -197,25 +240,13 @@ function drawSky(panel, sky, other) {
   canvas.width = SKY_WIDE;
   canvas.height = SKY_HIGH + 40;
   const pen = canvas.getContext("2d"), image = pen.createImageData(SKY_WIDE, SKY_HIGH);
-  const shade = Uint32Array.from(values, (value) => {
-    const [r, g, b] = value === null ? [200, 200, 200]
-      : colour(high > low ? (value - low) / (high - low) : 0.5);
-    return 0xff000000 | (b << 16) | (g << 8) | r;
-  });
+  const shade = Uint32Array.from(values, (value) => value === null ? NOTHING
+    : packed(colour(high > low ? (value - low) / (high - low) : 0.5)));
   const pixels = new Uint32Array(image.data.buffer);
   for (let n = 0; n < index.length; n++) if (index[n] >= 0) pixels[n] = shade[index[n]];
   pen.putImageData(image, 0, 0);
-  for (let u = 0; u < SKY_WIDE; u++) {
-    pen.fillStyle = `rgb(${colour(u / SKY_WIDE).join(",")})`;
-    pen.fillRect(u, SKY_HIGH + 6, 1, 12);
-  }
-  pen.fillStyle = "#1c2530";
-  pen.font = "15px system-ui, sans-serif";
-  pen.fillText(digits(low, 3), 0, SKY_HIGH + 35);
-  pen.textAlign = "right";
-  pen.fillText(digits(high, 3), SKY_WIDE, SKY_HIGH + 35);
-  pen.textAlign = "center";
-  pen.fillText(select.selectedOptions[0].textContent, SKY_WIDE / 2, SKY_HIGH + 35);
+  drawScale(pen, SKY_WIDE, SKY_HIGH, (level) => colour(level / 254), digits(low, 3),
+    select.selectedOptions[0].textContent, digits(high, 3));
   const own = finite(values), worst = name === "stars" ? Math.min(...own) : Math.max(...own);
   const at = values.indexOf(name === "faintest" ? Math.min(...own) : worst);
   const blind = 100 * (1 - own.length / values.length);

@@ -35,7 +35,7 @@ function scatter(svg, values, look, title, hover, click) {
   shape(svg, "text", { x: right, y: bottom + 15, "text-anchor": "end" }, Math.max(values.length, 10));
   values.forEach((value, n) => {
     const [symbol, colour, filled] = look(n);
-    const at = [x(n), value > 0 ? y(value) : top];
+    const at = [x(n), value > 0 ? y(value) : value === 0 ? bottom : top];
     const style = { stroke: colour, fill: filled ? colour : "white", "data-n": n };
     const made = symbol === "circle"
       ? shape(svg, "circle", { cx: at[0], cy: at[1], r: 4, ...style })
@@ -190,7 +190,9 @@ class Trials extends Run {
   constructor() {
     super("trials");
     this.state = null;
-    this.buttons.worst.addEventListener("click", () => this.frame(this.worst()));
+    this.buttons.worst.addEventListener("click", () => this.image(this.worst()));
+    byId("trials-fidelity").replaceChildren(...about.fidelities.map((name) => element("option", name)));
+    byId("trials-fidelity").hidden = about.fidelities.length < 2;
   }
 
   asked() {
@@ -206,40 +208,40 @@ class Trials extends Run {
     this.state = state;
     if (state.message) this.tell(state.message);
     else if (state.count) {
-      const lost = state.correct.filter((correct) => !correct).length;
-      this.tell(`${state.running ? "Running" : "Ended"}: ${state.count} trials, ${lost} without a ` +
-        `correct attitude${state.running ? "" : "; Start continues to the number above"}.`);
+      const lost = state.good.filter((good) => !good).length;
+      this.tell(`${state.running ? "Running" : "Ended"}: ${state.count} trials, ${lost} failed` +
+        `${state.running ? "" : "; Start continues to the number above"}.`);
     } else this.tell(state.running ? "The first trials run." : "No trial was done.");
     this.buttons.worst.disabled = !state.count;
     if (!state.count) return;
     this.box.querySelector(".summary").textContent = state.lines.join("\n");
-    scatter(this.svg, state.across, (n) => ["circle", state.correct[n] ? BLUE : RED, state.correct[n]],
-      ["trial; hollow: no correct attitude", "error across (arcsec rms per axis)"],
-      (n) => this.tell(this.words(n), "hover"), (n) => this.frame(n));
+    [[this.title, this.values]] = Object.entries(state.columns);
+    scatter(this.svg, this.values, (n) => ["circle", state.good[n] ? BLUE : RED, state.good[n]],
+      ["trial; hollow: failed", this.title],
+      (n) => this.tell(this.words(n), "hover"), (n) => this.image(n));
   }
 
   words(n) {
-    const { across, about: turn, stars, correct } = this.state;
-    return `Trial ${n}: ${digits(across[n])} arcsec across, ${digits(turn[n])} about, ${stars[n]} ` +
-      `stars${correct[n] ? "" : ", no correct attitude"}. Click for its frame.`;
+    const values = Object.entries(this.state.columns)
+      .map(([name, column]) => `${name} ${digits(column[n], 3)}`);
+    return `Trial ${n}${this.state.good[n] ? "" : ", failed"}: ${values.join("; ")}. Click for its image.`;
   }
 
   worst() {
-    const { across, correct } = this.state;
-    const size = (n) => correct[n] ? across[n] : Infinity;
-    return across.reduce((worst, value, n) => size(n) > size(worst) ? n : worst, 0);
+    const size = (n) => this.state.good[n] ? this.values[n] : Infinity;
+    return this.values.reduce((worst, value, n) => size(n) > size(worst) ? n : worst, 0);
   }
 
-  frame(n) {
+  image(n) {
     byId("trial").value = n;
     byId("trial").dispatchEvent(new Event("change"));
-    this.tell(`${this.words(n)} Its frame is above, of the values that are shown now.`, "hover");
-    sides[active].panel("frame").scrollIntoView({ block: "nearest" });
+    this.tell(`${this.words(n)} It is above, with the values that are shown now.`, "hover");
+    sides[active].panel("images").scrollIntoView({ block: "nearest" });
   }
 }
 
 begun.then(() => {
   if (!about) return;
   new Search().look();
-  if (about.kind === "tracker") new Trials().look();
+  new Trials().look();
 });

@@ -1,0 +1,129 @@
+"""File of a problem, changed values -> forecast, margins, images and trials, as by the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from startrack.core import Refused, Rows
+from startrack.earth.retrieval import (
+    EarthProblem,
+    load_earth_design,
+    save_earth_overlay,
+    scene_keys,
+)
+from startrack.io import aligned, to_table
+from startrack.optimise import Ledger, ProblemSource
+from startrack.page import form
+from startrack.page.pictures import encoded
+from startrack.page.trials import TrialColumns, TrialSource
+from startrack.problem import Margin, beside_forecast
+
+BLOCK = 4  # trials between checks for a stop, or the trials of an image; chosen by hand
+
+
+@dataclass(frozen=True)
+class EarthPage:
+    """A scene with a retrieval and a campaign. Changes are texts KEY=VALUE."""
+
+    path: Path
+    seed: int
+
+    kind: ClassVar[str] = "earth"
+    fidelities: ClassVar = EarthProblem.fidelities
+    all_keys: ClassVar = staticmethod(scene_keys)
+    not_shown: ClassVar[str] = (
+        "terrain: images are of level ground straight below, as in trials; see the command earth"
+    )
+
+    def load(self, changes: Sequence[str]) -> EarthProblem:
+        """The problem with changed values. Raises Refused, as `load_earth_design`."""
+        return EarthProblem(load_earth_design(self.path, changes))
+
+    def form(self, changes: Sequence[str]) -> list[dict[str, Any]]:
+        """A row for each key."""
+        return form.rows(to_table(self.load(changes).design), self.all_keys())
+
+    def paint(self, changes: Sequence[str]) -> dict[str, Any]:
+        """Forecast and margins."""
+        problem = self.load(changes)
+        words, costs = problem.text(), _margins(problem.costs())
+        shown: dict[str, Any] = {"sliders": form.sliders(problem.design, problem.variables)}
+        shown["conditions"] = list(problem.conditions)
+        try:
+            expected = problem.expect()
+        except Refused as reason:
+            return shown | {"blind": str(reason), "requirements": costs}
+        value = f"{expected.value:.4g} {words.unit}".strip()
+        return shown | {
+            "answer": f"{words.value}: {value}, by formula",
+            "value": expected.value,
+            "parts": [
+                {"name": words.parts[name][0], "unit": words.parts[name][1], "value": part}
+                for name, part in expected.parts.items()
+            ],
+            "left_out": list(expected.left_out),
+            "requirements": [*costs, *_margins(expected.margins)],
+        }
+
+    def images(self, changes: Sequence[str], trial: int, condition: str) -> dict[str, Any]:
+        """Images, truth and result of a trial."""
+        problem = self.load(changes)
+        return encoded(problem.view(self.seed, trial, condition or next(iter(problem.conditions))))
+
+    def trials(
+        self,
+        changes: Sequence[str],
+        fidelity: str,
+        executor: Executor,
+        workers: int,
+        ledger: Ledger,
+    ) -> TrialSource:
+        """The trials of `startrack montecarlo`."""
+        problem = self.load(changes)
+        source, words = ProblemSource(problem, self.seed, executor, ledger), problem.text()
+
+        def columns(rows: Rows) -> TrialColumns:
+            each = (problem.judge(rows[n : n + 1]).value.value for n in range(len(rows)))
+            value = np.fromiter(each, float, len(rows))
+            named = {f"{words.value} ({words.unit})".removesuffix(" ()"): value}
+            return TrialColumns(
+                named | {n: rows[n] for n in rows.dtype.names or ()}, np.isfinite(value)
+            )
+
+        def lines(rows: Rows) -> list[str]:
+            table = beside_forecast(words, problem.judge(rows), problem.expect())
+            return list(aligned([["", "by trials", "by formula"], *table]))
+
+        block = max(BLOCK, problem.per_image)
+        return TrialSource(lambda count: source.rows(problem, count), columns, lines, block)
+
+    def later(self, changes: Sequence[str], rate: Any = None) -> dict[str, Any]:
+        """Refuse: the first results of a problem are complete."""
+        raise Refused("an Earth camera has no results that come later")
+
+    def save(self, changes: Sequence[str], path: Path) -> str:
+        """Write the design as an overlay. Returns a message."""
+        return form.save(
+            path,
+            lambda note: save_earth_overlay(path, self.load(changes).design, self.path, note),
+            self.path,
+            "requirements",
+        )
+
+
+def _margins(margins: Mapping[str, Margin]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "value": f"{margin.value:.4g} {margin.unit}".strip(),
+            "limit": f"{margin.limit:.4g} {margin.unit}".strip(),
+            "margin": margin.relative,
+        }
+        for name, margin in margins.items()
+    ]
