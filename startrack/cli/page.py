@@ -18,7 +18,7 @@ if wanted(__name__):
     from startrack.montecarlo import pool
     from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
-BESIDE = 3  # processes: for images, for later results, for trials
+BESIDE = 2  # processes: one for later results, one for trials
 
 
 declare = Options(
@@ -51,15 +51,21 @@ def command(options: argparse.Namespace) -> int:
     if options.allow_code:  # also in the computing processes
         os.environ["STARTRACK_ALLOW_CODE"] = "*"
     try:
-        with pool(max(options.workers, BESIDE)) as executor:
-            _serve(options, page, executor)
+        with pool(1) as painter, pool(max(options.workers, BESIDE)) as executor:
+            _serve(options, page, painter, executor)
     except KeyboardInterrupt:  # Ctrl-C has already ended the processes
         terminal.print_message("startrack page: ended")
     return Exit.DONE
 
 
-def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor: Executor) -> None:
-    routes = Routes(page, options.out.resolve(), executor, options.workers, options.set)
+def _serve(
+    options: argparse.Namespace,
+    page: TrackerPage | EarthPage,
+    painter: Executor,
+    executor: Executor,
+) -> None:
+    folder = options.out.resolve()
+    routes = Routes(page, folder, painter, executor, options.workers, options.set)
     first = {"changes": options.set}
     try:
         server = PageServer(routes, options.port)
@@ -71,7 +77,8 @@ def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor:
         result = {"address": server.address, "out": str(options.out)}
         terminal.print_result(options, result, f"open {server.address}\nCtrl-C ends the page")
         # Before the browser's request: the first design compiles kernels and reads the sky.
-        threading.Thread(target=routes.answer, args=("paint", first), daemon=True).start()
+        for name in ("paint", "images"):
+            threading.Thread(target=routes.answer, args=(name, first), daemon=True).start()
         if options.open:
             webbrowser.open(server.address)
         try:

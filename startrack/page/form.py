@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from startrack.design import Key, found_at
@@ -40,17 +39,11 @@ def _row(path: str, value: Any, key: Key) -> dict[str, Any]:
     choices = key.kind.removeprefix(ONE_OF).removesuffix(", or code").split(", ")
     if key.kind == "true or false":
         choices = ["true", "false"]
-    return {
+    return key._asdict() | {
         "key": path,
         "value": text,
         "editable": len(text) <= MOST_LETTERS,
-        "unit": key.unit,
-        "range": key.range,
-        "kind": key.kind,
         "choices": choices if key.kind.startswith((ONE_OF, "true or")) else [],
-        "code": key.kind.endswith(", or code"),
-        "default": key.default,
-        "meaning": key.meaning,
     }
 
 
@@ -81,14 +74,3 @@ def sliders(design: Any, variables: Sequence[Bounds]) -> list[dict[str, Any]]:
         }
         for variable in variables
     ]
-
-
-def save(path: Path, write: Callable[[str], None], base: Path, command: str) -> str:
-    """Write a file with changed values over its base. Returns a message.
-
-    write    function: comment -> the file
-    command  that prints the displayed numbers
-    """
-    over = " in place of an earlier file" if path.exists() else ""
-    write(f"saved by startrack page, from {base.name}")
-    return f"{path} is written{over}; startrack {command} {path} has the numbers shown here"

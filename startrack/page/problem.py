@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,10 +17,10 @@ from startrack.earth.retrieval import (
     scene_keys,
 )
 from startrack.io import aligned, to_table
-from startrack.optimise import Ledger, ProblemSource
+from startrack.optimise import ProblemSource
 from startrack.page import form
 from startrack.page.pictures import encoded
-from startrack.page.trials import TrialColumns, TrialSource
+from startrack.page.trials import Runner, TrialColumns, TrialSource
 from startrack.problem import Margin, beside_forecast
 
 BLOCK = 4  # trials between checks for a stop, or the trials of an image; chosen by hand
@@ -35,6 +34,7 @@ class EarthPage:
     seed: int
 
     kind: ClassVar[str] = "earth"
+    command: ClassVar[str] = "requirements"
     fidelities: ClassVar = EarthProblem.fidelities
     all_keys: ClassVar = staticmethod(scene_keys)
     not_shown: ClassVar[str] = (
@@ -76,17 +76,10 @@ class EarthPage:
         problem = self.load(changes)
         return encoded(problem.view(self.seed, trial, condition or next(iter(problem.conditions))))
 
-    def trials(
-        self,
-        changes: Sequence[str],
-        fidelity: str,
-        executor: Executor,
-        workers: int,
-        ledger: Ledger,
-    ) -> TrialSource:
+    def trials(self, changes: Sequence[str], fidelity: str, run: Runner) -> TrialSource:
         """The trials of `startrack montecarlo`."""
         problem = self.load(changes)
-        source, words = ProblemSource(problem, self.seed, executor, ledger), problem.text()
+        source, words = ProblemSource(problem, self.seed, run.executor, run.ledger), problem.text()
 
         def columns(rows: Rows) -> TrialColumns:
             each = (problem.judge(rows[n : n + 1]).value.value for n in range(len(rows)))
@@ -107,23 +100,14 @@ class EarthPage:
         """Refuse: the first results of a problem are complete."""
         raise Refused("an Earth camera has no results that come later")
 
-    def save(self, changes: Sequence[str], path: Path) -> str:
-        """Write the design as an overlay. Returns a message."""
-        return form.save(
-            path,
-            lambda note: save_earth_overlay(path, self.load(changes).design, self.path, note),
-            self.path,
-            "requirements",
-        )
+    def write(self, changes: Sequence[str], path: Path, note: str) -> None:
+        """Write the design as an overlay."""
+        save_earth_overlay(path, self.load(changes).design, self.path, note)
 
 
 def _margins(margins: Mapping[str, Margin]) -> list[dict[str, Any]]:
     return [
-        {
-            "name": name,
-            "value": f"{margin.value:.4g} {margin.unit}".strip(),
-            "limit": f"{margin.limit:.4g} {margin.unit}".strip(),
-            "margin": margin.relative,
-        }
+        {"name": name, "value": value, "limit": limit, "margin": margin.relative}
         for name, margin in margins.items()
+        for value, limit in [margin.text.split(", ")]
     ]

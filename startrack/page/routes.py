@@ -30,7 +30,8 @@ class Routes:
     """All requests of a page.
 
     folder    folder for written files
-    executor  computes later results, so that painting does not wait
+    painter   one process for images, which keeps what they have in common
+    executor  computes later results and trials, so that painting does not wait
     changes   changes given to the command
     """
 
@@ -38,15 +39,16 @@ class Routes:
         self,
         page: TrackerPage | EarthPage,
         folder: Path,
+        painter: Executor,
         executor: Executor,
         workers: int,
         changes: list[str],
     ) -> None:
         search = SearchRun(page.path, folder / "search", page.seed, workers)
-        trials = TrialsRun(folder)
+        trials = TrialsRun(folder, executor, workers)
         self._painting, self._starting = threading.Lock(), threading.Lock()
-        self._page, self._executor, self._workers = page, executor, workers
-        self._folder, self._trials, self._stops = folder, trials, [search.stop, trials.stop]
+        self._page, self._folder, self._trials = page, folder, trials
+        self._stops = search.stop, trials.stop
         self._about = {
             "kind": page.kind,
             "name": page.path.stem,
@@ -63,11 +65,13 @@ class Routes:
                 key.name for key in search_keys(_text(body, "words"), page.all_keys())
             ],
             "paint": self._paint,
-            "images": lambda body: self._beside(
+            "images": lambda body: painter.submit(
                 page.images, _changes(body), _whole(body, "trial"), _text(body, "condition")
-            ),
-            "later": lambda body: self._beside(page.later, _changes(body), body.get("rate")),
-            "save": lambda body: {"done": page.save(_changes(body), self._file(body))},
+            ).result(),
+            "later": lambda body: executor.submit(
+                page.later, _changes(body), body.get("rate")
+            ).result(),
+            "save": self._save,
             "search/start": lambda body: self._alone(search.start, _changes(body)),
             "search/stop": lambda body: search.stop(),
             "search/state": lambda body: search.state(_whole(body, "first")),
@@ -103,25 +107,26 @@ class Routes:
         fidelity, every = _text(body, "fidelity"), self._page.fidelities
         if fidelity not in [*every]:
             raise Refused(f"fidelity must be one of {', '.join(every)}, got {fidelity!r}")
-        own = self._page.trials, _changes(body), fidelity, self._executor, self._workers
-        self._alone(self._trials.start, _whole(body, "trials"), partial(*own))
+        source_of = partial(self._page.trials, _changes(body), fidelity)
+        self._alone(self._trials.start, _whole(body, "trials"), source_of)
 
     def _paint(self, body: Body) -> dict[str, Any]:
         with self._painting:  # one at a time, so that each is quick
             return self._page.paint(_changes(body))
 
-    def _beside(self, call: Callable[..., Any], *values: Any) -> Any:
-        """A longer computation in another process."""
-        return self._executor.submit(call, *values).result()
-
-    def _file(self, body: Body) -> Path:
-        name = _text(body, "name")
+    def _save(self, body: Body) -> dict[str, str]:
+        """Write the design over its base file."""
+        name, page = _text(body, "name"), self._page
         if not NAME.fullmatch(name):
             raise Refused(
                 "name must have letters, digits, - and _ alone, at most 64, without .toml, got "
                 f"{name[:80]!r}"
             )
-        return self._folder / f"{name}.toml"
+        path = self._folder / f"{name}.toml"
+        over = " in place of an earlier file" if path.exists() else ""
+        page.write(_changes(body), path, f"saved by startrack page, from {page.path.name}")
+        numbers = f"startrack {page.command} {path} has the numbers shown here"
+        return {"done": f"{path} is written{over}; {numbers}"}
 
 
 def _changes(body: Body) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,7 +20,7 @@ from startrack.metrics import correct, summarise, summary_rows, to_lines
 from startrack.observation import random_attitude
 from startrack.page import form
 from startrack.page.pictures import TOP, picture
-from startrack.page.trials import TrialColumns, TrialSource
+from startrack.page.trials import Runner, TrialColumns, TrialSource
 from startrack.plots import stretch
 from startrack.response import errors
 from startrack.trial import observe, searched
@@ -39,6 +39,7 @@ class TrackerPage:
     seed: int
 
     kind: ClassVar[str] = "tracker"
+    command: ClassVar[str] = "budget"
     fidelities: ClassVar = tuple(Fidelity)
     all_keys: ClassVar = staticmethod(designs.design_keys)
     not_shown: ClassVar[str] = (
@@ -72,7 +73,7 @@ class TrackerPage:
                 margins = verification.expected_margins(needs, budget)
             limits = campaign.requirements.accuracy if campaign else ()
             shown |= {"answer": budgets.answer(budget, limits), **_budget(budget)}
-            shown |= {"sky": _sky(sky), "stars": _stars(case)}
+            shown["sky"] = _sky(sky)
             shown["rates"] = budgets.slew_rates(case, budgets.LONGEST).tolist()
         shown["requirements"] = _requirements(case, campaign, margins)
         shown["later"] = bool(
@@ -81,20 +82,21 @@ class TrackerPage:
         return shown
 
     def images(self, changes: Sequence[str], trial: int, condition: str) -> dict[str, Any]:
-        """The frame of a trial, its spots and the error, of the design's own condition."""
-        return _frame(self.load(changes).case, self.seed, trial)
+        """The frame of a trial, its spots and the error, of the design's own condition; and the
+        errors of single stars by formula."""
+        case, view = self.load(changes).case, dict[str, Any]()
+        try:
+            view = _frame(case, self.seed, trial)
+        except Refused as reason:
+            view["refused"] = str(reason)
+        with suppress(Refused):  # the budget is refused for the same reason, which is shown
+            view["stars"] = _stars(case)
+        return view
 
-    def trials(
-        self,
-        changes: Sequence[str],
-        fidelity: str,
-        executor: Executor,
-        workers: int,
-        ledger: optimise.Ledger,
-    ) -> TrialSource:
+    def trials(self, changes: Sequence[str], fidelity: str, run: Runner) -> TrialSource:
         """The trials of `startrack montecarlo` without units."""
         case = self.load(changes).case
-        runner = optimise.TrialRunner(self.seed, executor, workers, ledger)
+        runner = optimise.TrialRunner(self.seed, run.executor, run.workers, run.ledger)
         return TrialSource(
             rows=lambda count: runner.run(case, count, Fidelity(fidelity)),
             columns=_columns,
@@ -103,20 +105,18 @@ class TrackerPage:
         )
 
     def later(self, changes: Sequence[str], rate: Any = None) -> dict[str, Any]:
-        """Longer computations: margins over units and conditions, or the error at a slew rate.
+        """All margins, over units and conditions, as printed by `startrack requirements`.
 
-        rate  radian / second about x; None: the margins
+        rate  radian / second about x: the error (arcsec) at this rate (deg / s) instead
         """
-        if rate is None:
-            return self.requirements(changes)
-        if not (isinstance(rate, int | float) and 0 <= rate < FASTEST):
-            raise Refused(f"rate must be a number from 0 to {FASTEST:g} rad / s, got {rate!r}")
-        return self.at_rate(changes, float(rate))
-
-    def requirements(self, changes: Sequence[str]) -> dict[str, Any]:
-        """All margins, over units and conditions, as printed by `startrack requirements`."""
         design = self.load(changes)
         case, campaign = design.case, design.campaign
+        if rate is not None:
+            if not (isinstance(rate, int | float) and 0 <= rate < FASTEST):
+                raise Refused(f"rate must be a number from 0 to {FASTEST:g} rad / s, got {rate!r}")
+            curve = budgets.analytic_curve(case, np.array([float(rate)]))
+            across, about = (float(error[0]) / arcsec for error in (curve.across, curve.about))
+            return {"rate": rate / deg, "across": across, "about": about}
         if campaign is None:
             return {"requirements": []}
         margins = optimise.expect(case, campaign, self.seed).margins
@@ -126,21 +126,9 @@ class TrackerPage:
             "expected": optimise.expected_objective(case, campaign, self.seed) / arcsec,
         }
 
-    def at_rate(self, changes: Sequence[str], rate: float) -> dict[str, Any]:
-        """The error (arcsec) at a slew rate about x (radian / second); the result gives the rate in
-        deg / s."""
-        curve = budgets.analytic_curve(self.load(changes).case, np.array([rate]))
-        across, about = (float(error[0]) / arcsec for error in (curve.across, curve.about))
-        return {"rate": rate / deg, "across": across, "about": about}
-
-    def save(self, changes: Sequence[str], path: Path) -> str:
-        """Write the design as an overlay. Returns a message."""
-        return form.save(
-            path,
-            lambda note: designs.save_overlay(path, self.load(changes), self.path, note),
-            self.path,
-            "budget",
-        )
+    def write(self, changes: Sequence[str], path: Path, note: str) -> None:
+        """Write the design as an overlay."""
+        designs.save_overlay(path, self.load(changes), self.path, note)
 
 
 def _sliders(case: Case, campaign: Campaign | None) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +15,14 @@ from startrack.core import Flags, Refused, Rows
 from startrack.optimise import Ledger
 
 MOST = 100_000
+
+
+class Runner(NamedTuple):
+    """Who computes trials, and what keeps them."""
+
+    executor: Executor
+    workers: int
+    ledger: Ledger
 
 
 class TrialColumns(NamedTuple):
@@ -44,8 +53,8 @@ class TrialsRun:
     A ledger in the folder keeps the trials, so that a run can continue.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, executor: Executor, workers: int) -> None:
+        self._folder, self._executor, self._workers = folder, executor, workers
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._state: dict[str, Any] = {"count": 0}
@@ -56,22 +65,22 @@ class TrialsRun:
         """Whether trials run."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, trials: int, source_of: Callable[[Ledger], TrialSource]) -> None:
+    def start(self, trials: int, source_of: Callable[[Runner], TrialSource]) -> None:
         """Begin trials, or continue trials with the same values."""
         if self.running:
             raise Refused("trials run already: stop them before others begin")
         if not 1 <= trials <= MOST:
             raise Refused(f"trials must be from 1 to {MOST}, got {trials}")
-        source_of(Ledger())  # refuses a bad value before the thread begins
+        source_of(Runner(self._executor, self._workers, Ledger()))  # refuses bad values here
         self._stop.clear()
         self._state, self._error = {"count": 0}, ""
         self._thread = threading.Thread(target=self._run, args=(trials, source_of), daemon=True)
         self._thread.start()
 
-    def _run(self, trials: int, source_of: Callable[[Ledger], TrialSource]) -> None:
+    def _run(self, trials: int, source_of: Callable[[Runner], TrialSource]) -> None:
         try:
             with np.errstate(all="ignore"), Ledger(self._folder / "trials.sqlite") as ledger:
-                self._compute(source_of(ledger), trials)
+                self._compute(source_of(Runner(self._executor, self._workers, ledger)), trials)
         except (ValueError, OSError) as reason:
             self._error = str(reason)
 

@@ -59,7 +59,7 @@ class Client:
 
 def served(front, factory):
     folder = factory.mktemp("page")
-    routes = Routes(front, folder, Serial(), 1, [])
+    routes = Routes(front, folder, Serial(), Serial(), 1, [])
     with PageServer(routes, 0) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()

@@ -76,6 +76,8 @@ class Side {
       if (!view) break;
       this.images = view;
       drawPictures(this.panel("images"), view, trial);
+      this.shown.stars = view.stars;
+      this.drawCurves();
       performance.measure("images", { start, end: performance.now() });
     }
     this.imaging = false;

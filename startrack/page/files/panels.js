@@ -151,16 +151,25 @@ function drawBudget(panel, shown, before, other) {
   ].filter(Boolean).join(". ");
 }
 
-function drawParts(panel, shown, before) {
-  const old = new Map(((before && before.parts) || []).map((part) => [part.name, part.value]));
-  const table = element("table");
-  for (const { name, value, unit } of shown.parts || []) {
-    const line = element("tr", undefined, table), ghost = old.get(name);
-    element("td", name, line);
-    const cell = element("td", `${digits(value)} ${unit}`, line);
-    if (ghost !== undefined && ghost !== value) element("small", `before ${digits(ghost)}`, cell);
+// A table. A value before the last change, where it differs, stands small in a row's last cell.
+function fillTable(table, head, rows) {
+  table.replaceChildren();
+  const titles = element("tr", undefined, element("thead", undefined, table));
+  head.forEach((title) => element("th", title, titles));
+  const body = element("tbody", undefined, table);
+  for (const { cells, missed, before } of rows) {
+    const line = element("tr", undefined, body);
+    cells.forEach((text) => element("td", text, line));
+    if (missed) line.lastChild.className = "missed";
+    if (before && before !== cells.at(-1)) element("small", `before ${before}`, line.lastChild);
   }
-  panel.querySelector(".bars").replaceChildren(table);
+}
+
+function drawParts(panel, shown, before) {
+  const text = ({ value, unit }) => `${digits(value)} ${unit}`;
+  const old = new Map(((before && before.parts) || []).map((part) => [part.name, text(part)]));
+  fillTable(panel.querySelector("table"), [], (shown.parts || []).map((part) => (
+    { cells: [part.name, text(part)], before: old.get(part.name) })));
   panel.querySelector(".left-out").textContent = notCounted(shown);
 }
 
@@ -171,28 +180,18 @@ function notCounted(shown) {
 // --- requirements --------------------------------------------------------------------------------
 
 function drawRequirements(panel, rows, before, state) {
-  const table = panel.querySelector("table");
-  const old = new Map((before || []).map((row) => [row.name, row.margin]));
+  const isMet = (row) => row.margin !== null && row.margin >= 0;
+  const text = (row) => row.margin === undefined ? ""
+    : `${isMet(row) ? "✓" : "✗ NOT MET"} ${signed(row.margin)}`;
+  const old = new Map((before || []).map((row) => [row.name, text(row)]));
   panel.querySelector(".state").textContent = rows.length
     ? state : "The design has no campaign with requirements.";
-  table.replaceChildren();
-  if (!rows.length) return;
-  const head = element("tr", undefined, element("thead", undefined, table));
-  for (const title of ["", "value", "limit", "margin"]) element("th", title, head);
-  const body = element("tbody", undefined, table);
-  for (const row of rows) {
-    const line = element("tr", undefined, body), limited = row.margin !== undefined;
-    element("td", row.name, line);
-    element("td", row.value, line);
-    element("td", row.limit || (limited ? "" : "no limit"), line);
-    const met = limited && row.margin !== null && row.margin >= 0;
-    const text = limited ? `${met ? "✓" : "✗ NOT MET"} ${signed(row.margin)}` : "";
-    const cell = element("td", text, line, limited && !met ? "missed" : "");
-    const ghost = old.get(row.name);
-    if (limited && ghost !== undefined && ghost !== row.margin) {
-      element("small", `before ${signed(ghost)}`, cell);
-    }
-  }
+  const head = rows.length ? ["", "value", "limit", "margin"] : [];
+  fillTable(panel.querySelector("table"), head, rows.map((row) => {
+    const limit = row.limit || (row.margin === undefined ? "no limit" : "");
+    const missed = row.margin !== undefined && !isMet(row);
+    return { cells: [row.name, row.value, limit, text(row)], missed, before: old.get(row.name) };
+  }));
 }
 
 function signed(margin) {
