@@ -1,4 +1,4 @@
-"""Write docs/api.md: each public name of the package with its types and one line.
+"""Write docs/api.md: each public name of the package with its types and its first paragraph.
 
     python docs/list_api.py
 
@@ -250,10 +250,10 @@ def _union(node: ast.expr) -> str:
 
 
 def line(one: Name) -> str:
-    """The first line of its docstring; of a constant, the comment beside or above it."""
+    """The first paragraph of its docstring; of a constant, the comment beside or above it."""
     thing = function_of(one.thing)
     if inspect.isclass(thing) or inspect.isfunction(thing):
-        return (vars(thing).get("__doc__") or thing.__doc__ or "").strip().partition("\n")[0]
+        return first_paragraph(vars(thing).get("__doc__") or thing.__doc__)
     found = re.search(
         rf"((?:^# .*\n)*)^{one.name}\b[^#\n]*(?:  # (.+))?$", _source(one.home), re.MULTILINE
     )
@@ -339,7 +339,7 @@ def page() -> str:
     modules = list(public())
     shown = {one.thing for _, names in modules for one in names if inspect.isclass(one.thing)}
     for module, names in modules:
-        about = (module.__doc__ or "").strip().partition("\n")[0]
+        about = first_paragraph(module.__doc__)
         parts.append(f"## `{module.__name__}`\n{about}\n")
         parts.append("".join(_item(one) for one in names))
         returned = [kind for kind in given(names) if kind not in shown and line_of(kind)]
@@ -353,8 +353,13 @@ def page() -> str:
 
 
 def line_of(kind: type) -> str:
-    """The first line of a class's own docstring."""
-    return (vars(kind).get("__doc__") or "").strip().partition("\n")[0]
+    """The first paragraph of a class's own docstring."""
+    return first_paragraph(vars(kind).get("__doc__"))
+
+
+def first_paragraph(text: str | None) -> str:
+    """The lines of a docstring before the first empty line, as one."""
+    return " ".join((text or "").strip().partition("\n\n")[0].split())
 
 
 def _item(one: Name) -> str:
