@@ -23,8 +23,8 @@ With `--holding RA DEC` only those of the skies count whose field holds a direct
 the Pleiades (56.75 24.12): stars of clusters are not at random.
 
     python experiments/solvers.py [--json FILE] [--markdown FILE] [--counts FILE] [--skies N]
-                                  [--fields DEG ...] [--holding RA DEC] [--programs NAME ...]
-                                  [--workers N] [--quick]
+                                  [--fields DEG ...] [--kinds KIND ...] [--holding RA DEC]
+                                  [--programs NAME ...] [--workers N] [--quick]
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ MOST = {"startrack": None, "tetra3rs": None, "cedar-solve": 50, "astrometry": 10
 FIELDS = {"cedar-solve": (12, 20), "astrometry": (2, 4, 8, 12, 20)}
 MOST_FALSE = 20  # false attitudes that are named
 BINS = 50  # of a histogram of times, per decade
-STATED_KIND = "no stars"
+STATED_KINDS = ("no stars", skies.FEW)
 DECADES = 6  # of stated probabilities
 
 
@@ -92,16 +92,24 @@ def main() -> None:
     )
     parser.add_argument("--programs", nargs="+", choices=PROGRAMS, default=PROGRAMS)
     parser.add_argument("--fields", nargs="+", type=int, choices=skies.LIMIT_G, metavar="DEG")
+    parser.add_argument(
+        "--kinds",
+        nargs="+",
+        choices=skies.KINDS,
+        metavar="KIND",
+        help=f"all but {skies.FEW!r}, which only the part `stated` counts, if left out",
+    )
     parser.add_argument("--holding", nargs=2, type=float, metavar=("RA", "DEC"), help="degree")
     parser.add_argument("--workers", type=int, default=1)
     options = command.read(parser, skies=100, programs=("startrack", "tetra3rs", "stated"))
     if options.quick:
         with tempfile.TemporaryDirectory() as folder:
             options.counts = Path(folder) / "counts.jsonl"
-            run(options, [12], ["plain", STATED_KIND], 20)
+            run(options, [12], ["plain", *STATED_KINDS], 20)
             report(options, read(options.counts))
         return
-    kinds = [kind for kind in skies.KINDS if skies.KINDS[kind].sky or not options.holding]
+    kinds = options.kinds or [kind for kind in skies.KINDS if kind != skies.FEW]
+    kinds = [kind for kind in kinds if skies.KINDS[kind].sky or not options.holding]
     run(options, options.fields or list(skies.LIMIT_G), kinds, BLOCK)
     report(options, read(options.counts))
 
@@ -133,9 +141,11 @@ def runs(program: str, field: int, kind: str) -> bool:
     """Whether a program is available and handles skies of a field and a kind."""
     if field not in FIELDS.get(program, skies.LIMIT_G):
         return False
+    if kind == skies.FEW and program != "stated":
+        return False
     match program:
         case "stated":
-            return kind == STATED_KIND
+            return kind in STATED_KINDS
         case "tetra3rs":
             return not command.missing("tetra3rs is", "tetra3rs")
         case "cedar-solve":
@@ -290,8 +300,11 @@ def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
             figures[name][program] = 1e6 * quantile(own, part)
     stated = [row for row in rows if row["program"] == "stated"]
     if stated:
-        figures["stated"] = calibration(stated)
-        ratios = [line["upper_over_stated"] for line in figures["stated"] if line["resolved"]]
+        for kind in STATED_KINDS:
+            if own := [row for row in stated if row["kind"] == kind]:
+                figures["stated"][kind] = calibration(own)
+        lines = (line for kind in figures["stated"].values() for line in kind)
+        ratios = [line["upper_over_stated"] for line in lines if line["resolved"]]
         figures["calibrated"] = max(ratios, default=math.nan)
     return dict(figures)
 
@@ -436,19 +449,20 @@ def _stated(figures: dict[str, Any]) -> Iterator[str]:
     yield ""
     yield "## What startrack states of a false match"
     yield (
-        "Frames of 30 random points, without a star, that startrack takes for a sky when it is "
-        "asked for any evidence, by the probability of a false match that it states. A probability "
-        "that is a bound holds where no more are seen than stated."
+        "Frames of random points, without a star, that startrack takes for a sky when it is asked "
+        "for any evidence, by the probability of a false match that it states. A probability that "
+        "is a bound holds where no more are seen than stated."
     )
     yield ""
-    yield "| stated below | frames | seen | share | at most (95 %) | resolved |"
-    yield "|---|---|---|---|---|---|"
-    for line in figures["stated"]:
-        yield (
-            f"| {line['stated_below']:.0e} | {line['frames']:,} | {line['seen']} | "
-            f"{line['share']:.1e} | {line['share_bound_95']:.1e} | "
-            f"{'yes' if line['resolved'] else 'no: too few frames'} |"
-        )
+    yield "| points | stated below | frames | seen | share | at most (95 %) | resolved |"
+    yield "|---|---|---|---|---|---|---|"
+    for kind, lines in figures["stated"].items():
+        for line in lines:
+            yield (
+                f"| {skies.KINDS[kind].false} | {line['stated_below']:.0e} | {line['frames']:,} | "
+                f"{line['seen']} | {line['share']:.1e} | {line['share_bound_95']:.1e} | "
+                f"{'yes' if line['resolved'] else 'no: too few frames'} |"
+            )
 
 
 if __name__ == "__main__":

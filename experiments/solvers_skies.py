@@ -58,6 +58,7 @@ class Kind(NamedTuple):
     sky: bool = True
 
 
+FEW = "few points"  # of frames without a star; counted only if it is asked for
 KINDS = {
     "plain": Kind(),
     "noise": Kind(noise=1.0),
@@ -72,6 +73,7 @@ KINDS = {
     "planets": Kind(planets=3),
     "all at once": Kind(0.5, 1.0, 10, 8, 0.25, 0.0, 1.0, 0.0, 5, 2),
     "no stars": Kind(false=30, sky=False),
+    FEW: Kind(false=12, sky=False),
 }
 CLUSTER = 40.0  # pixel, sigma of a cluster
 
