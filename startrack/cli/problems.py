@@ -416,7 +416,7 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         more.append(f"It is limited by {limits}.")
     more.append(
         "Each interval has 95 % confidence: among several limits, one may be met by chance. The "
-        "interval of the ratio assumes independent designs, so that it is too wide."
+        "interval of the ratio is by a paired bootstrap: start and best have the same trials."
     )
     said = _verdict_lines(found.verdicts, found.costs, last)
     return "\n".join(

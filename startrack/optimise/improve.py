@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.core import Floats, Refused, printed
+from startrack.core import Floats, Refused, Rows, printed
 from startrack.metrics import Interval
 from startrack.optimise import steps
 from startrack.optimise.correction import Correction
@@ -21,7 +21,14 @@ from startrack.optimise.limit import Limit
 from startrack.optimise.problem_source import ProblemSource, relative
 from startrack.optimise.runner import FRESH
 from startrack.optimise.search import minimise_globally
-from startrack.problem import Expectation, Judgement, Margin, Problem, SearchSettings
+from startrack.problem import (
+    Expectation,
+    Judgement,
+    Margin,
+    Problem,
+    SearchSettings,
+    compare_problems,
+)
 
 # Probability, over all rounds, that a design at the search's target is wrongly accepted for a
 # limit. The verdicts are by the problem's own intervals.
@@ -39,8 +46,8 @@ class Improved:
     problem        the best
     judged         start and best on fresh trials that no tuning used
     costs          margins of the best that need no trials
-    factor         objective of the start over the objective of the best. Its interval assumes
-                   independence, though both have the same trials: it is too wide, not too narrow
+    factor         objective of the start over the objective of the best, on the same trials, with
+                   the interval of `compare_problems`
     verdicts       of the best: "met", "missed", or "not shown", by the names of limits
     expected       the best by formula
     evaluations    designs with trials, in order
@@ -105,7 +112,7 @@ def improve(
     begin = tuple(source.start.tolist())
     first = last if last.point == begin else judge(begin, last.number)
     values, best = source.values(source.start), np.array(last.point)
-    factor = _over(first.judged.value, last.judged.value)
+    factor = judge.gain(first, last)
     if _rank(first) <= _rank(last):
         last, factor, best = first, Interval(1.0, 1.0, 1.0), source.start
         ending = f"{ending}; no design is better than the start, on fresh trials"
@@ -199,11 +206,9 @@ class _Fresh:
 
     def __call__(self, point: tuple[float, ...], number: int) -> _OnFresh:
         """A design on the fresh trials of a round."""
-        source = self.source
-        count = source.problem.settings.fresh_trials
-        begin = FRESH + number * count
-        problem = source.design(np.array(point))
-        judged, costs = problem.judge(source.rows(problem, count, begin)), dict(problem.costs())
+        problem = self.source.design(np.array(point))
+        rows, costs = self._rows(problem, number), dict(problem.costs())
+        judged = problem.judge(rows)
         return _OnFresh(
             point=point,
             number=number,
@@ -211,8 +216,18 @@ class _Fresh:
             costs=costs,
             judged=judged,
             verdicts=verdicts(costs, judged),
-            trials=count,
+            trials=len(rows),
         )
+
+    def gain(self, start: _OnFresh, best: _OnFresh) -> Interval:
+        """Objective of the start over that of the best, on the trials of the best's round."""
+        problems = best.problem, start.problem
+        rows = [self._rows(problem, best.number) for problem in problems]
+        return compare_problems(problems, (rows[0], rows[1]), self.source.seed)[0].ratio
+
+    def _rows(self, problem: Problem, number: int) -> Rows:
+        count = self.source.problem.settings.fresh_trials
+        return self.source.rows(problem, count, FRESH + number * count)
 
 
 def verdicts(costs: Mapping[str, Margin], judged: Judgement) -> dict[str, str]:
@@ -285,17 +300,3 @@ def _rank(shown: _OnFresh) -> tuple[float, float]:
     short += missed(relative(shown.costs))
     value = shown.judged.value.value
     return short, value if math.isfinite(value) else math.inf
-
-
-def _over(first: Interval, second: Interval) -> Interval:
-    """Ratio of two values, as if independent: errors of logarithms add in quadrature."""
-    if not (first.value > 0 and second.value > 0):
-        return Interval(math.nan, 0.0, math.inf)
-    ratio = first.value / second.value
-
-    def log(over: float, under: float) -> float:
-        return math.log(over / under) if over > 0 and under > 0 else math.inf
-
-    down = math.hypot(log(first.value, first.low), log(second.high, second.value))
-    up = math.hypot(log(first.high, first.value), log(second.value, second.low))
-    return Interval(ratio, ratio * math.exp(-down), ratio * math.exp(up))
