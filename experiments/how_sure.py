@@ -53,7 +53,15 @@ from startrack.budget import PUBLISHED, Term
 from startrack.core import Floats
 from startrack.design import Told
 from startrack.montecarlo import pool
-from startrack.prediction import Draw, draw_unknowns, fit_surface, learn, predict, save_told
+from startrack.prediction import (
+    MODEL_ERROR,
+    Draw,
+    draw_unknowns,
+    fit_surface,
+    learn,
+    predict,
+    save_told,
+)
 from startrack.trial import observe
 from startrack.verification import told_by_frames, windows_of_frames, with_magnitudes
 
@@ -132,8 +140,8 @@ def samples(tracker: Tracker, shift: float) -> Floats:
     surface = fit_surface([draw for draw in tracker.draws if draw.number >= 0])
     errors = surface.errors(surface.scores(surface.sample(SEED, SAMPLES)))
     errors[:, surface.counted([Term.FIELD])] *= math.exp(shift)
-    counted = surface.figure(surface.scattered(errors, SEED), tracker.counts) / arcsec
-    return np.hypot(counted, tracker.jitter)
+    counted = surface.figure(surface.scattered(errors, SEED, MODEL_ERROR), tracker.counts)
+    return np.hypot(counted / arcsec, tracker.jitter)
 
 
 def implied(tracker: Tracker) -> float:

@@ -23,6 +23,7 @@ if wanted(__name__):
     from startrack.prediction import (
         ACCURACY,
         DRAWS,
+        MODEL_ERROR,
         UNITS,
         Draw,
         Learned,
@@ -192,7 +193,8 @@ def _text(prediction: Prediction) -> str:
         f"availability {prediction.availability[1]:.2%} in the median, "
         f"{prediction.availability[0]:.2%} at least; {prediction.draws} draws of "
         f"{prediction.units} units each, by the formula, rms over units (`startrack budget` has "
-        "their median); middle: with every unknown at its median"
+        "their median); middle: with every unknown at its median; the intervals include "
+        f"{MODEL_ERROR:.0%} for what no law describes, as published figures of trackers show"
     )
     return "\n".join(lines)
 

@@ -15,6 +15,7 @@ from startrack.prediction.predict import (
     ACCURACY,
     AXES,
     DRAWS,
+    MODEL_ERROR,
     OTHERS,
     UNITS,
     PredictedFigure,

@@ -89,10 +89,13 @@ class PredictionSurface:
         }
         return scores_of(self.unknowns, by_name, len(quantiles))
 
-    def scattered(self, errors: Floats, seed: int) -> Floats:
-        """Errors (n, t, 2), radian, with the scatter of the surface."""
+    def scattered(self, errors: Floats, seed: int, model: float = 0.0) -> Floats:
+        """Errors (n, t, 2), radian, with the scatter of the surface and the error of the model.
+
+        model  standard deviation of the logarithm of each class of error
+        """
         normal = Streams(seed, 0)("scatter of errors").standard_normal(errors.shape)
-        return np.asarray(errors * np.exp(self.scatter * normal))
+        return np.asarray(errors * np.exp(np.hypot(self.scatter, model) * normal))
 
 
 def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface:

@@ -14,6 +14,8 @@ from startrack.cli.predict import prediction_answer
 from startrack.design import Told, Unknown
 from startrack.prediction import (
     ACCURACY,
+    MODEL_ERROR,
+    OTHERS,
     Draw,
     draw_unknowns,
     fit_surface,
@@ -62,6 +64,19 @@ def test_what_all_draws_are_wrong_by_widens_each_interval():
     wide = prediction_of(draws, 1, 3, 0.0, common=0.1).figure(ACCURACY, "across")
     assert wide.factor == pytest.approx(math.exp(0.1), rel=0.01)
     assert wide.median == pytest.approx(3 * arcsec, rel=0.01)
+
+
+def test_the_error_of_the_model_widens_figures_and_leaves_the_unknowns():
+    """Of one class of error; a told figure has the error that it was told, and no other."""
+    draws = drawn(20, lambda quantile: 3 * arcsec, (GRID,))
+    wide = prediction_of(draws, 1, 3, 0.0, model=0.2)
+    assert wide.figure(ACCURACY, "across").factor == pytest.approx(math.exp(0.2), rel=0.02)
+    draws = drawn(20, product)
+    with_model, without = (
+        prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.1)], model=model).learned
+        for model in (0.2, 0.0)
+    )
+    assert with_model.posteriors == without.posteriors
 
 
 def test_quantiles_and_causes_are_those_of_the_law():
@@ -220,9 +235,11 @@ def test_noise_falls_with_the_root_of_the_light(design):
     """NEA goes as exposure^-1/2 if photon noise dominates, as exposure^-1 if read noise does."""
     found = predict(design, draws=10, units=2, age=0.0)
     nea, accuracy = found.figure("NEA", "across"), found.figure(ACCURACY, "across")
-    slope = math.log(nea.factor) / math.log(1.3)
+    by_light = math.sqrt(math.log(nea.factor) ** 2 - MODEL_ERROR**2)
+    slope = by_light / math.log(1.3)
     assert 0.4 < slope < 1.1
-    assert nea.causes[0][0] == "instrument.detector.exposure"
+    unknowns = [name for name, _ in nea.causes if name != OTHERS]
+    assert unknowns[0] == "instrument.detector.exposure"
     assert accuracy.causes[0][0] == "instrument.residual.rms"
     assert accuracy.low_95 < accuracy.low_68 < accuracy.median < accuracy.high_68
     assert accuracy.middle == pytest.approx(accuracy.median, rel=0.3)
