@@ -41,7 +41,7 @@ SEARCH = InputKind(
     "searches",
     frozenset({"moving_object"}),
     "montecarlo",
-    ("requirements", *STUDIES),
+    ("page", "requirements", *STUDIES),
 )
 SCENE = InputKind(
     "a scene of an Earth camera",

@@ -14,9 +14,9 @@ from startrack.cli.options import Exit, Option, Options, wanted, whole
 
 if wanted(__name__):
     from startrack.cli import terminal
-    from startrack.cli.files import SCENE, design_file, kind_of, shipped_by_name
+    from startrack.cli.files import SCENE, SEARCH, design_file, kind_of, shipped_by_name
     from startrack.montecarlo import pool
-    from startrack.page import EarthPage, PageServer, Routes, TrackerPage
+    from startrack.page import EARTH, MOVING, PageServer, ProblemPage, Routes, TrackerPage
 
 BESIDE = 2  # processes: one for later results, one for trials
 
@@ -30,8 +30,8 @@ declare = Options(
     "Ctrl-C ends it.",
     Option(
         "design DESIGN.toml",
-        "design file, or a scene of an Earth camera with [retrieval] and [campaign] (default: the "
-        "example, a nanosatellite)",
+        "design file, a scene of an Earth camera with [retrieval] and [campaign], or a search for "
+        "moving objects (default: the example, a nanosatellite)",
         Path,
         many="?",
     ),
@@ -60,7 +60,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _serve(
     options: argparse.Namespace,
-    page: TrackerPage | EarthPage,
+    page: TrackerPage | ProblemPage,
     painter: Executor,
     executor: Executor,
 ) -> None:
@@ -88,15 +88,17 @@ def _serve(
             routes.close()
 
 
-def _page(options: argparse.Namespace) -> TrackerPage | EarthPage:
+def _page(options: argparse.Namespace) -> TrackerPage | ProblemPage:
     """The design or scene of the command, read once so that a fault in the file ends the
     command."""
     path = options.design or terminal.example()
     with shared.as_wrong_use():
-        if kind_of(path) is SCENE:
-            scene = EarthPage(shipped_by_name(path, [SCENE.folder]).resolve(), options.seed)
-            scene.load(options.set)
-            return scene
+        for kind, files in ((SCENE, EARTH), (SEARCH, MOVING)):
+            if kind_of(path) is kind:
+                file = shipped_by_name(path, [kind.folder]).resolve()
+                page = ProblemPage(file, options.seed, files)
+                page.load(options.set)
+                return page
         tracker = TrackerPage(design_file(path).resolve(), options.seed)
         terminal.read_design(tracker.path, options.set)
         return tracker

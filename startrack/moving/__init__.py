@@ -20,6 +20,7 @@ from startrack.moving.study import (
     SearchLimits,
     load_moving_design,
     moving_keys,
+    save_moving_overlay,
 )
 
 __all__ = [
@@ -40,5 +41,6 @@ __all__ = [
     "load_moving_design",
     "moving_keys",
     "refined",
+    "save_moving_overlay",
     "score_maps",
 ]

@@ -7,25 +7,26 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from startrack.core import Refused, Rows, arcsec, inputs_of
+from startrack.core import Floats, Refused, Rows, arcsec, inputs_of
 from startrack.design import bounds_of, followed, number_at, replaced_all
 from startrack.io import to_table
 from startrack.metrics import Interval, level_interval
 from startrack.moving.camera import flux_of, magnitude_of
 from startrack.moving.detect import find, refined, score_maps, threshold_of
 from startrack.moving.forecast import forecast_moving
-from startrack.moving.render import added_images, field_of
+from startrack.moving.render import SearchedField, added_images, field_of
 from startrack.moving.study import MovingDesign, SearchCampaign
-from startrack.problem import Bounds, Expectation, Judgement, Margin, Words
+from startrack.problem import Bounds, Expectation, Judgement, Margin, TrialImage, TrialView, Words
 
 FRACTIONS = {"limit 50": 0.5, "limit 90": 0.9}
 CLOSE = 0.005  # relative, of the flux with which an object is found
 ROUNDS = 4
 BRIGHTEST = 1e9  # microjansky, of an object that is not found, where numbers must be finite
+MOST_SHOWN = 4  # images of a trial
 APART = 3.0  # pixel from image to image; the predicted error of a place holds for larger motions
 LEFT_OUT = (
     "light of the Sun, Moon and Earth in the optics",
@@ -49,6 +50,9 @@ class MovingProblem:
             number_at(self.design, variable.name)
 
     columns = np.dtype([("flux", float), ("x", float), ("y", float)])
+    conditions: ClassVar = ("nominal",)
+    fidelities: ClassVar = ("image",)
+    per_image: ClassVar = 1
 
     @property
     def campaign(self) -> SearchCampaign:
@@ -128,6 +132,40 @@ class MovingProblem:
             row["flux"], (row["x"], row["y"]) = run_moving_trial(self.design, seed, number)
         return rows
 
+    def view(self, seed: int, number: int, condition: str = "nominal") -> TrialView:
+        """The images of a trial with the object whose place is measured.
+
+        Raises  ValueError for a condition other than "nominal".
+        """
+        if condition not in self.conditions:
+            raise Refused(f"conditions must be names of nominal, got {condition!r}")
+        own, field = self.design.moving_object, field_of(self.design, seed, number)
+        seen, limit = bright_object(self.design, field), threshold_of(self.design)
+        middle = np.array(seen.images.shape[:0:-1]) // 2
+        times = np.array(own.times)[:, None]
+        moved = middle + field.rest.mean(1)
+        true = field.place + field.speed * times + moved
+        shown = seen.place + seen.end * times / own.times[-1] + moved
+        word = "object found" if seen.score > limit else "object missed"
+        layers = {"": seen.images, " without stars": seen.clean}
+        images = tuple(
+            TrialImage(
+                f"image {n + 1} of {own.images}{words}",
+                "electron",
+                image,
+                {word: shown[n : n + 1], "true place of this trial": true[n : n + 1]},
+                scale=f"images{words}",
+            )
+            for words, every in layers.items()
+            for n, image in enumerate(every[:MOST_SHOWN])
+        )
+        error = float(np.hypot(*(seen.place - field.place))) * self.design.pixel / arcsec
+        text = (
+            f"an object of V {own.magnitude:g} has a score of {seen.score:.2f}, objects above "
+            f"{limit:.2f} are found; the error of its place is {error:.3g} arcsec"
+        )
+        return TrialView(images, text)
+
     def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
         """Limits and place, with intervals of a confidence."""
         fluxes = np.minimum(rows["flux"], BRIGHTEST)
@@ -169,6 +207,32 @@ class MovingProblem:
         return Words(value, unit, parts)
 
 
+class SeenObject(NamedTuple):
+    """The object whose place is measured, in the images of a field.
+
+    images  (images, h, w) electron
+    clean   likewise, without sky and stars: less the mean of the other images
+    score   of the search
+    place   (2,) pixel at the middle time, from the middle
+    end     (2,) pixel, found motion from the middle time to the last image
+    """
+
+    images: Floats
+    clean: Floats
+    score: float
+    place: Floats
+    end: Floats
+
+
+def bright_object(design: MovingDesign, field: SearchedField) -> SeenObject:
+    """The object of the requested magnitude, as it is found in the images of a field."""
+    images = added_images(design, field, flux_of(design.moving_object.magnitude))
+    maps = score_maps(design, images, field.angle)
+    score, at = find(design, maps, field.place, field.speed, field.rest)
+    place = refined(design, maps, at, field.angle, field.rest)
+    return SeenObject(images, maps.clean, score, place, at[2:])
+
+
 @lru_cache(maxsize=256)
 def run_moving_trial(
     design: MovingDesign, seed: int, number: int
@@ -191,10 +255,7 @@ def run_moving_trial(
         return find(design, maps, field.place, field.speed, field.rest)[0]
 
     flux = _crossing(score, limit, expected)
-    bright = added_images(design, field, flux_of(design.moving_object.magnitude))
-    maps = score_maps(design, bright, field.angle)
-    _, at = find(design, maps, field.place, field.speed, field.rest)
-    error = (refined(design, maps, at, field.angle, field.rest) - field.place) * design.pixel
+    error = (bright_object(design, field).place - field.place) * design.pixel
     return flux, (float(error[0]), float(error[1]))
 
 

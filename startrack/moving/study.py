@@ -8,8 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from startrack.core import DAY, POSITIVE, Parameters, Range, Refused, Unit, deg, parameter
-from startrack.design import Instrument, Key, Link, Variable, keys_of, load_design, with_changes
-from startrack.io import from_table, read_table, refuse_unknown, shipped
+from startrack.design import (
+    OF_FILES,
+    Instrument,
+    Key,
+    Link,
+    Variable,
+    differences,
+    keys_of,
+    load_design,
+    save_over,
+    with_changes,
+)
+from startrack.io import (
+    LayerRules,
+    Layers,
+    from_table,
+    read_layers,
+    refuse_unknown,
+    shipped,
+    to_table,
+)
 from startrack.problem import Settings
 from startrack.scene import Scene
 
@@ -154,23 +173,30 @@ class MovingDesign(Parameters):
         return math.prod(sides)
 
 
-KEYS = "camera", "scene", "moving_object", "campaign"
+KEYS = "instrument", "scene", "moving_object", "campaign"
 CAMERA = Key(
-    "camera", "text", "", "", "required", "design file, or the name of a camera of the catalogue"
+    "camera",
+    "text",
+    "",
+    "",
+    "required",
+    "design file, or the name of a camera of the catalogue, whose instrument is taken",
 )
 
 
 def moving_keys() -> tuple[Key, ...]:
     """All keys that a file of a search for moving objects may have."""
     keys = keys_of(MovingDesign)
-    return (CAMERA, *(key for key in keys if key.name.partition(".")[0] in KEYS))
+    return (*OF_FILES, CAMERA, *(key for key in keys if key.name.partition(".")[0] in KEYS))
 
 
 def load_moving_design(search: str | Path, changes: Sequence[str] = ()) -> MovingDesign:
     """A design from a file, or from one of the catalogue by its name.
 
     The key `camera` names a design file of a star tracker, or one of the catalogue's cameras, whose
-    instrument and scene are taken.
+    instrument and scene are taken. A table [scene] replaces that of the camera. `base` and
+    `include` take the values of other files, see `read_layers`; the table [instrument] changes
+    values of their camera.
 
     changes  values that replace the file's: "instrument.optics.f_number=2.5"
     Raises   ValueError with the position in the file, the rule and the value.
@@ -178,22 +204,57 @@ def load_moving_design(search: str | Path, changes: Sequence[str] = ()) -> Movin
     path = Path(search)
     if path.suffix != ".toml":
         path = shipped(f"searches/{search}.toml")
-    table: dict[str, Any] = read_table(path, "a search for moving objects")
-    camera = str(table.get("camera", ""))
-    file = path.parent / camera if camera.endswith(".toml") else shipped(f"cameras/{camera}.toml")
-    case = load_design(file).case
+    named = list[Path]()
+
+    def resolved(own: dict[str, Any], file: Path) -> dict[str, Any]:
+        if "camera" in own:
+            named.append(file)
+        return _with_camera(own, file.parent)
+
+    rules = LayerRules(resolved=resolved)
+    table = read_layers(path, "a search for moving objects", (), rules).table
+    if len(named) != 1:  # the values of two cameras would be mixed
+        files = ", ".join(map(str, named)) or "none"
+        raise Refused(f"{path}: camera must be named by one file, got {files}")
     for key in table:
         if key not in KEYS:
-            raise Refused(f"{key} must be one of {', '.join(KEYS)}")
+            raise Refused(f"{key} must be one of camera, {', '.join(KEYS)}")
     refuse_unknown(
+        (Instrument, table["instrument"], "instrument"),
         (Scene, table.get("scene"), "scene"),
         (MovingObject, table.get("moving_object"), "moving_object"),
         (SearchCampaign, table.get("campaign"), "campaign"),
     )
     design = MovingDesign(
-        case.instrument,
-        from_table(Scene, table["scene"], "scene") if "scene" in table else case.scene,
+        from_table(Instrument, table["instrument"], "instrument"),
+        from_table(Scene, table.get("scene", {}), "scene"),
         from_table(MovingObject, table.get("moving_object", {}), "moving_object"),
         from_table(SearchCampaign, table.get("campaign", {}), "campaign"),
     )
     return with_changes(design, changes)
+
+
+def _with_camera(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The table of a file with the instrument and the scene of its camera."""
+    if "camera" not in table:
+        return table
+    camera = str(table.pop("camera"))
+    file = folder / camera if camera.endswith(".toml") else shipped(f"cameras/{camera}.toml")
+    case, layers = load_design(file).case, Layers()
+    layers.lay({"instrument": to_table(case.instrument)}, "")
+    layers.lay({"scene": to_table(case.scene)} | table, "")
+    return layers.table
+
+
+def save_moving_overlay(path: Path, design: MovingDesign, base: Path, comment: str = "") -> None:
+    """Write the differences of a design from its file, with all digits, as such a file.
+
+    Raises  Refused if the file does not read back to the design.
+    """
+    table = differences(to_table(load_moving_design(base)), to_table(design))
+    save_over(path, base, table, comment)
+    if load_moving_design(path) != design:
+        raise Refused(
+            f"{path} must read back to the design, but it does not: a value of {base.name} cannot "
+            "be removed by a file over it"
+        )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from startrack.core import Refused, Rows
+from startrack.design import Key
 from startrack.earth.retrieval import (
     EarthProblem,
     load_earth_design,
@@ -17,6 +18,7 @@ from startrack.earth.retrieval import (
     scene_keys,
 )
 from startrack.io import aligned, to_table
+from startrack.moving import MovingProblem, load_moving_design, moving_keys, save_moving_overlay
 from startrack.optimise import ProblemSource
 from startrack.page import form
 from startrack.page.pictures import encoded
@@ -26,24 +28,64 @@ from startrack.problem import Margin, beside_forecast
 BLOCK = 4  # trials between checks for a stop, or the trials of an image; chosen by hand
 
 
+class ProblemFiles(NamedTuple):
+    """Files of a kind of problem.
+
+    load       function: file, changes -> the problem
+    keys       function: all keys of a file
+    save       function: file to write, design, base file, comment
+    not_shown  what the page leaves out
+    """
+
+    load: Callable[[Path, Sequence[str]], EarthProblem | MovingProblem]
+    keys: Callable[[], Sequence[Key]]
+    save: Callable[[Path, Any, Path, str], None]
+    not_shown: str
+
+
+def _earth(path: Path, changes: Sequence[str]) -> EarthProblem:
+    return EarthProblem(load_earth_design(path, changes))
+
+
+def _moving(path: Path, changes: Sequence[str]) -> MovingProblem:
+    return MovingProblem(load_moving_design(path, changes))
+
+
+EARTH = ProblemFiles(
+    _earth,
+    scene_keys,
+    save_earth_overlay,
+    "terrain: images are of level ground straight below, as in trials; see the command earth",
+)
+MOVING = ProblemFiles(
+    _moving, moving_keys, save_moving_overlay, "the field outside the object's surroundings"
+)
+
+
 @dataclass(frozen=True)
-class EarthPage:
-    """A scene with a retrieval and a campaign. Changes are texts KEY=VALUE."""
+class ProblemPage:
+    """A problem and its campaign. Changes are texts KEY=VALUE."""
 
     path: Path
     seed: int
+    files: ProblemFiles
 
-    kind: ClassVar[str] = "earth"
+    kind: ClassVar[str] = "problem"
     command: ClassVar[str] = "requirements"
     fidelities: ClassVar = EarthProblem.fidelities
-    all_keys: ClassVar = staticmethod(scene_keys)
-    not_shown: ClassVar[str] = (
-        "terrain: images are of level ground straight below, as in trials; see the command earth"
-    )
 
-    def load(self, changes: Sequence[str]) -> EarthProblem:
-        """The problem with changed values. Raises Refused, as `load_earth_design`."""
-        return EarthProblem(load_earth_design(self.path, changes))
+    @property
+    def not_shown(self) -> str:
+        """What the page leaves out."""
+        return self.files.not_shown
+
+    def all_keys(self) -> Sequence[Key]:
+        """All keys of a file."""
+        return self.files.keys()
+
+    def load(self, changes: Sequence[str]) -> EarthProblem | MovingProblem:
+        """The problem with changed values. Raises Refused."""
+        return self.files.load(self.path, changes)
 
     def form(self, changes: Sequence[str]) -> list[dict[str, Any]]:
         """A row for each key."""
@@ -98,11 +140,11 @@ class EarthPage:
 
     def later(self, changes: Sequence[str], rate: Any = None) -> dict[str, Any]:
         """Refuse: the first results of a problem are complete."""
-        raise Refused("an Earth camera has no results that come later")
+        raise Refused("a problem has no results that come later")
 
     def write(self, changes: Sequence[str], path: Path, note: str) -> None:
         """Write the design as an overlay."""
-        save_earth_overlay(path, self.load(changes).design, self.path, note)
+        self.files.save(path, self.load(changes).design, self.path, note)
 
 
 def _margins(margins: Mapping[str, Margin]) -> list[dict[str, Any]]:

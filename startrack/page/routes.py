@@ -14,7 +14,7 @@ import numpy as np
 
 from startrack.core import Refused
 from startrack.design import search_keys
-from startrack.page.problem import EarthPage
+from startrack.page.problem import ProblemPage
 from startrack.page.search import SearchRun
 from startrack.page.tracker import TrackerPage
 from startrack.page.trials import TrialsRun
@@ -37,7 +37,7 @@ class Routes:
 
     def __init__(
         self,
-        page: TrackerPage | EarthPage,
+        page: TrackerPage | ProblemPage,
         folder: Path,
         painter: Executor,
         executor: Executor,

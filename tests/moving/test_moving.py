@@ -3,14 +3,16 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from startrack.cli.main import main
-from startrack.core import Refused, Streams, deg
+from startrack.core import Refused, Streams, arcsec, deg
 from startrack.detector import ColourMosaic
+from startrack.io import shipped
 from startrack.moving import (
     MovingProblem,
     added_images,
@@ -19,6 +21,7 @@ from startrack.moving import (
     find,
     forecast_moving,
     load_moving_design,
+    save_moving_overlay,
     score_maps,
 )
 from startrack.moving.camera import ImageMotion, flux_of, frame_nodes, image_in_frames, magnitude_of
@@ -239,3 +242,32 @@ def test_the_command_takes_it_by_its_name(capsys):
     assert found["trials"] == 6
     assert found["expected"] > 0
     assert 0 < found["parts"]["place"][0] < 30
+
+
+def test_a_file_over_another_one_changes_the_instrument_of_its_camera(tmp_path):
+    file, base = tmp_path / "mine.toml", Path(str(shipped("searches/asteroidfinder.toml")))
+    design = load_moving_design(
+        base, ["instrument.optics.f_number=3.7", "moving_object.rate=2 deg / d"]
+    )
+    save_moving_overlay(file, design, base)
+    assert load_moving_design(file) == design
+    assert "[instrument.optics]\nf_number = 3.7" in file.read_text()
+    file.write_text('base = "searches/asteroidfinder.toml"\ncamera = "asteroidfinder"\n')
+    with pytest.raises(Refused, match="camera must be named by one file"):
+        load_moving_design(file)
+
+
+def test_the_images_of_a_trial_have_the_place_whose_error_is_in_its_row():
+    problem = FEW
+    view, row = problem.view(1, 2), problem.trials(1, range(2, 3))[0]
+    assert len(view.images) == 2 * DESIGN.moving_object.images
+    error = float(view.text.rpartition("place is ")[2].removesuffix(" arcsec"))
+    assert error == pytest.approx(np.hypot(row["x"], row["y"]) / arcsec, rel=1e-2)
+    true, found = (
+        view.images[1].marks[name] for name in ("true place of this trial", "object found")
+    )
+    assert np.abs(true - found).max() < 1.0
+    # The object is brighter than the sky around it in the image without stars.
+    x, y = np.rint(true[0]).astype(int)
+    clean = view.images[5].values
+    assert clean[y - 1 : y + 2, x - 1 : x + 2].max() > 4 * clean.std()

@@ -21,7 +21,7 @@ from startrack.core import arcsec
 from startrack.design import load_design
 from startrack.io import shipped
 from startrack.montecarlo import Serial
-from startrack.page import EarthPage, PageServer, Routes, TrackerPage
+from startrack.page import EARTH, MOVING, PageServer, ProblemPage, Routes, TrackerPage
 
 DESIGN = Path(str(shipped("designs/noise_only.toml")))
 # So few that a search takes seconds.
@@ -276,7 +276,9 @@ SPECTRA = ["retrieval.minerals.step=140 nm", "channels.*.optics.f_number=2.3"]
 
 @pytest.fixture(scope="module")
 def earth(tmp_path_factory):
-    yield from served(EarthPage(Path(str(shipped("scenes/mertis.toml"))), 1), tmp_path_factory)
+    yield from served(
+        ProblemPage(Path(str(shipped("scenes/mertis.toml"))), 1, EARTH), tmp_path_factory
+    )
 
 
 def test_an_earth_camera_has_forecast_margins_sliders_and_keys(earth):
@@ -333,3 +335,16 @@ def test_images_of_a_scene_have_units_scales_and_the_truth_beside_the_result(ear
     # Trial 130 is the third spectrum of the second image.
     assert view["images"][0]["marks"][0]["y"] == [2]
     assert "conditions must be" in earth.ask("images", condition="noon")["refused"]
+
+
+@pytest.mark.slow
+def test_a_search_for_moving_objects_has_a_page(tmp_path, capsys):
+    page = ProblemPage(Path(str(shipped("searches/asteroidfinder.toml"))), 1, MOVING)
+    few = ["moving_object.frames=4", "instrument.optics.f_number=3.7"]
+    shown = page.paint(few)
+    assert {row["name"] for row in shown["requirements"]} == {"aperture", "field", "time"}
+    assert len(page.images(few, 0, "")["images"]) == 8
+    assert "instrument.optics.f_number" in {row["key"] for row in page.form(few)}
+    file = tmp_path / "mine.toml"
+    page.write(few, file, "a note")
+    assert output_of(capsys, "requirements", str(file))["expected"] == shown["value"]
