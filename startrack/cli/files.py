@@ -41,7 +41,7 @@ SEARCH = InputKind(
     "searches",
     frozenset({"moving_object"}),
     "montecarlo",
-    ("page", "requirements", *STUDIES),
+    ("requirements", "page", *STUDIES),
 )
 SCENE = InputKind(
     "a scene of an Earth camera",
