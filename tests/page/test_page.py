@@ -46,7 +46,7 @@ class Client:
         own = {"Cookie": self.cookie, "Content-Type": "application/json"}
         own |= {name.replace("_", "-"): value for name, value in headers.items()}
         port = self.server.server_port
-        with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=600)) as connection:
             connection.request(method, path, body, own)
             with connection.getresponse() as reply:
                 return reply, reply.read()
@@ -190,7 +190,7 @@ def test_a_form_has_units_limits_and_the_words_of_datasheets(page):
     assert "instrument.detector.pixel_pitch" in page.ask("keys", words="field of view")
 
 
-def ended(page, name, seconds=60):
+def ended(page, name, seconds=300):
     for _ in range(int(seconds / 0.05)):
         state = page.ask(f"{name}/state")
         if not state["running"]:
