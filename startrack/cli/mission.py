@@ -634,10 +634,25 @@ def _platform_lines(plan: mission.MissionPlan) -> list[str]:
     ]
 
 
+def _answer(flight: report.ReportedFlight) -> str:
+    """Availability, error of the fused attitude, and the requirements that are not met."""
+    some = 100 * flight.available.at_least(1)
+    answer = f"at least 1 head valid {some:.4f} % of the time"
+    if flight.flown.known.any():
+        answer += f"; fused attitude {flight.flown.rms.max() / arcsec:.2f} arcsec rms "
+        answer += "about the worst axis"
+    if verdicts := flight.verdicts:
+        failed = [verdict.name for verdict in verdicts if not verdict.met]
+        answer += f"; {len(verdicts) - len(failed)} of {len(verdicts)} requirements met"
+        answer += f", not {' and '.join(failed)}" if failed else ""
+    return answer
+
+
 def _text(flight: report.ReportedFlight) -> list[str]:
     plan, _, flown, available = flight
     time = plan.loaded.mission.time
     lines = [
+        _answer(flight),
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, "
         f"{report.number_of_heads(len(plan.heads))}, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",

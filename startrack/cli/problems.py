@@ -29,6 +29,7 @@ from startrack.problem import (
     Problem,
     beside_forecast,
     compare_problems,
+    require_one_objective,
     with_interval,
 )
 from startrack.report import write_problem_report
@@ -154,6 +155,8 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
     head = ["", "by trials", "by formula"]
     table = "\n".join(
         [
+            _answer(lines[0], len(rows), verdicts),
+            "",
             *markdown(head, lines),
             "",
             *_verdict_lines(verdicts, costs, judged),
@@ -173,6 +176,20 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
         _write_rows(options.out / "trials.csv", rows, numbers)
     terminal.print_result(options, result, table)
     return Exit.DONE
+
+
+def _answer(objective: Sequence[str], trials: int, verdicts: Mapping[str, str]) -> str:
+    """The objective by trials beside the formula, and how many requirements are met.
+
+    objective  name, value by trials, value by formula, in words
+    """
+    name, tried, formula = objective
+    answer = f"{name} {tried} in {trials} trials, {formula} by formula"
+    if not verdicts:
+        return answer
+    others = [f"{name}: {verdict}" for name, verdict in verdicts.items() if verdict != "met"]
+    answer += f"; {len(verdicts) - len(others)} of {len(verdicts)} requirements met"
+    return answer + (f" ({', '.join(others)})" if others else "")
 
 
 def verify(options: argparse.Namespace, problem: Problem) -> int:
@@ -299,6 +316,8 @@ def solve_for_margin(options: argparse.Namespace, problem: Problem) -> int:
 def compare(options: argparse.Namespace, first: Problem, second: Problem) -> int:
     """Print two problems side by side, on the same trials."""
     rows = []
+    with as_wrong_use():
+        require_one_objective((first, second))
     with terminal.progress("trials", 2 * options.trials) as advance:
         for problem in (first, second):
             with opened(options, problem) as source:

@@ -291,6 +291,7 @@ def _with_camera(
 
 def _site(how: argparse.Namespace, time: str) -> Site:
     within(-90, 90, latitude=how.place[0])
+    within(-360, 360, longitude=how.place[1])
     latitude, longitude = (math.radians(angle) for angle in how.place)
     return Site(latitude, longitude, utc(time).isot, how.height)
 

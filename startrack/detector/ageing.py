@@ -372,11 +372,11 @@ class Age(Parameters):
         if (self.time is None) == (self.year is None) or (self.year is None) != (
             self.launch is None
         ):
-            raise Refused("age must have either time, or year and launch")
+            raise Refused("time must be given, or year and launch; not both")
         if self.year is not None and self.launch is not None and self.year < self.launch:
             raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
         if (self.inclination is None) != (self.shielding is None):
-            raise Refused("age must have inclination and shielding together, or neither")
+            raise Refused("inclination and shielding must be given together, or neither")
         if self.inclination is None and (self.altitude != ALTITUDE or self.solar_events):
             raise Refused("altitude and solar_events must be left out without inclination")
         if self.inclination is not None and self.fluence:

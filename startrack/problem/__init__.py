@@ -7,7 +7,7 @@ run      Trials of a problem by their numbers, the same for any number of worker
 table    Judgement, expectation -> lines with the values by trials and by formula.
 """
 
-from startrack.problem.compare import ProblemDifference, compare_problems
+from startrack.problem.compare import ProblemDifference, compare_problems, require_one_objective
 from startrack.problem.problem import Problem, SearchSettings, Settings
 from startrack.problem.run import run_problem
 from startrack.problem.table import beside_forecast, with_interval

@@ -46,9 +46,8 @@ def compare_problems(
     Accuracy  statistical: of 50 trials and more; a quantile that the few largest rows decide needs
               some ten of them beyond it.
     """
+    require_one_objective(problems)
     words = [problem.text() for problem in problems]
-    if words[0].value != words[1].value or words[0].unit != words[1].unit:
-        raise Refused(f"both must have one objective, got {words[0].value} and {words[1].value}")
     count = len(rows[0])
     if len(rows[1]) != count:
         raise Refused(f"both must have the same trials, got {count} and {len(rows[1])}")
@@ -70,6 +69,13 @@ def compare_problems(
         ProblemDifference(*title, float(pair[0]), float(pair[1]), _interval(pair, log))
         for title, pair, log in zip(titles, value.T, logs.T, strict=True)
     ]
+
+
+def require_one_objective(problems: tuple[Problem, Problem]) -> None:
+    """Refuse to compare problems with other objectives, before any trial."""
+    first, second = (problem.text() for problem in problems)
+    if first.value != second.value or first.unit != second.unit:
+        raise Refused(f"both must have one objective, got {first.value} and {second.value}")
 
 
 def _values(judged: Judgement, names: list[str]) -> Floats:

@@ -270,13 +270,14 @@ def segment_of(
     at, here = float(second[worst]), int(number[worst])
     if at < spans[0, 0] or here == len(spans) - 1:
         raise Refused(
-            f"{what} must hold the mission's time: it is given from {spans[0, 0]:.9g} to "
-            f"{spans[-1, 1]:.9g} s after {date}, and asked for at {at:.9g} s"
+            f"{what} must hold the mission's time: it is given from "
+            f"{core.utc_text(date, spans[0, 0])} to {core.utc_text(date, spans[-1, 1])} UTC, and "
+            f"asked for at {core.utc_text(date, at)}"
         )
     raise Refused(
-        f"{what} must hold the mission's time: it has a gap from {spans[here, 1]:.9g} to "
-        f"{spans[here + 1, 0]:.9g} s after {date}, and is asked for at {at:.9g} s; nothing is "
-        "interpolated over a gap"
+        f"{what} must hold the mission's time: it has a gap from "
+        f"{core.utc_text(date, spans[here, 1])} to {core.utc_text(date, spans[here + 1, 0])} UTC, "
+        f"and is asked for at {core.utc_text(date, at)}; nothing is interpolated over a gap"
     )
 
 

@@ -113,8 +113,12 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     Raises  ValueError, in one sentence with the path, if there is no star or a column is missing.
     """
     tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
+    tables = {name: table for name, table in tables.items() if "time" in table}
     if not tables:
-        raise Refused(f"{path} must hold arrays or tables of a star each, with time and number")
+        raise Refused(
+            f"{path} must hold arrays or tables of a star each, with time and number; whole frames "
+            "must be two or more files"
+        )
     if unknown := set(names) - set(tables):
         raise Refused(f"stars must be of {', '.join(tables)}, got {', '.join(sorted(unknown))}")
     long = [name for name in tables if len(np.atleast_1d(tables[name]["time"])) >= FEWEST_IMAGES]

@@ -183,6 +183,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
         (["solve", "x.png", "--time", "2026-01-01"], "need --place LAT LON"),
         (["solve", "x.png", "--place", "91", "0"], "latitude must lie in [-90, 90], got 91"),
+        (["solve", "x.png", "--place", "9", "500"], "longitude must lie in [-360, 360], got 500"),
         (["solve", "x.png", "--place", "50", "8", "--time", "noon"], "must be a time such as"),
         (["solve", "x.png", "--fov", "12deg", "--camera", "c.toml"], "must not both be given"),
         (["calibrate", "x.png", "--fov", "12 m"], "an angle in degree, such as 12 or 12deg, got"),

@@ -86,6 +86,18 @@ def test_a_head_without_the_motion_of_its_platform_is_said():
     assert mission._platform_lines(SimpleNamespace(heads=(still,))) == []
 
 
+def test_the_first_line_answers():
+    """Availability, the error about the worst axis, and the requirement that is missed."""
+    verdicts = [SimpleNamespace(name=name, met=name == "a") for name in ("a", "max_error")]
+    flown = SimpleNamespace(known=np.array([True]), rms=np.array([1, 3, 2]) * arcsec)
+    available = SimpleNamespace(at_least=lambda count: 0.25)
+    flight = SimpleNamespace(available=available, flown=flown, verdicts=verdicts)
+    assert mission._answer(flight) == (
+        "at least 1 head valid 25.0000 % of the time; fused attitude 3.00 arcsec rms about the "
+        "worst axis; 1 of 2 requirements met, not max_error"
+    )
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     """A day of the example: the folder of its results, and what is printed."""

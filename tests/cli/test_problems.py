@@ -16,6 +16,12 @@ FEW = [
 ]
 
 
+def test_scenes_with_other_objectives_are_refused_before_any_trial(capsys):
+    assert main(["compare", "mertis", "hsrs", "--trials", "100000000", *SHORT]) == 2
+    words = "one objective, got error of emissivity and smallest fire"
+    assert words in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_an_earth_camera_is_optimised(tmp_path, capsys):
     changes = [word for change in FEW for word in ("--set", change)]
@@ -50,7 +56,13 @@ def test_options_of_star_trackers_are_refused_for_a_scene(capsys):
 
 def test_what_neither_trials_nor_formula_know_stands_below_the_table(capsys):
     assert main(["montecarlo", "mertis", "--trials", "5", "--workers", "1"]) == 0
-    assert "Not counted: the optics' blur between spectra; smile" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "Not counted: the optics' blur between spectra; smile" in text
+    first = text.splitlines()[0]
+    assert first.startswith("error of emissivity 0.00")
+    assert first.endswith(
+        "1 of 3 requirements met (nominal: wrong: not shown, evening: wrong: not shown)"
+    )
 
 
 @pytest.mark.parametrize("command", ["budget", "sequence"])

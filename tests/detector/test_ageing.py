@@ -169,12 +169,12 @@ def test_charge_that_is_left_behind_arrives_a_row_later():
 @pytest.mark.parametrize(
     ("values", "rule"),
     [
-        ({}, "either time"),
-        ({"time": 1.0, "year": 2000.0, "launch": 1999.0}, "either time"),
+        ({}, "^time must be given, or year and launch"),
+        ({"time": 1.0, "year": 2000.0, "launch": 1999.0}, "not both"),
         ({"year": 1990.0, "launch": 1999.0}, "before launch"),
         ({"time": 1.0, "family": "unknown"}, "family"),
         ({"time": 1.0, "family": "chandra-aca", "fluence": 1.0}, "left out"),
-        ({"time": 1.0, "inclination": 1.7}, "together"),
+        ({"time": 1.0, "inclination": 1.7}, "^inclination and shielding must be given"),
         ({"time": 1.0, "inclination": 1.7, "shielding": 5e-3, "fluence": 1.0}, "left out"),
         ({"time": 1.0, "inclination": 1.7, "shielding": 1e-4}, "shielding"),
         ({"time": 1.0, "dose": 1e-8, "fluence": 1.0}, "left out"),

@@ -138,10 +138,10 @@ def test_nothing_is_interpolated_over_a_gap(tmp_path):
     back = matrices(path, "2024-01-01T00:00:00", [0, 1800, 2400, 3600])
     assert np.abs(back - [np.eye(3), np.eye(3), turned, turned]).max() < 1e-12
     for second in (1801.0, 2100.0, 2399.0):
-        with pytest.raises(Refused, match=r"a gap from 1800 to 2400 s .* asked for at"):
+        with pytest.raises(Refused, match=r"gap from 2024-\S*T00:30:00 to \S*T00:40:00 UTC, and"):
             matrices(path, "2024-01-01T00:00:00", second)
     for second in (-1.0, 3601.0):
-        with pytest.raises(Refused, match="given from 0 to 3600 s"):
+        with pytest.raises(Refused, match=r"from 2024-\S*T00:00:00 to \S*T01:00:00 UTC, and asked"):
             matrices(path, "2024-01-01T00:00:00", second)
     next_ = segment([f"2024-01-01T00:30:00 {QUARTER}", f"2024-01-01T01:00:00 {QUARTER}"])
     path = aem(tmp_path / "next.aem", first, next_)
@@ -161,7 +161,7 @@ def test_nothing_is_interpolated_over_a_gap(tmp_path):
     )
     path = aem(tmp_path / "usable.aem", usable)
     matrices(path, "2024-01-01T00:00:00", [300, 1500])
-    with pytest.raises(Refused, match="given from 300 to 1500 s"):
+    with pytest.raises(Refused, match=r"given from \S*T00:05:00 to \S*T00:25:00 UTC"):
         matrices(path, "2024-01-01T00:00:00", 1501)
 
 
@@ -349,7 +349,7 @@ def test_an_orbit_is_not_interpolated_over_a_gap_or_a_manoeuvre(tmp_path):
     place, speed = path.state(np.array([1190.0, 1210.0, 3010.0]))
     assert place[0] == pytest.approx(1e3 * np.array([7000 + 1190, 7000 + 50, 7000 + 90]), abs=1e-3)
     assert speed[0] == pytest.approx([1e3, 5e3, 9e3], abs=1e-6)
-    with pytest.raises(Refused, match="a gap from 2400 to 3000 s"):
+    with pytest.raises(Refused, match="gap from 2024-01-01T00:40:00 to 2024-01-01T00:50:00 UTC"):
         path.state(np.array([2700.0]))
     time = dataclasses.replace(MISSION.time, begin="2024-01-01T00:00:00", duration=2420.0)
     motion = motion_of(dataclasses.replace(MISSION, orbit=orbit, time=time))
