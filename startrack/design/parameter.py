@@ -196,10 +196,10 @@ def quantity(case: Any, name: str, value: float | str) -> float:
         try:
             return parse(value, unit.si, unit.absolute, unit.clock)
         except ValueError as error:
-            raise Refused(f"{name}: bound {error}") from None
+            raise Refused(f"{name} {error}") from None
     if unit or isinstance(value, str):
         wanted = f"have a unit, such as '1 {unit.shown}'" if unit else "be a number without unit"
-        raise Refused(f"{name}: bound must {wanted}, got {value!r}")
+        raise Refused(f"{name} must {wanted}, got {value!r}")
     return float(value)
 
 

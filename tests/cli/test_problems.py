@@ -16,6 +16,11 @@ FEW = [
 ]
 
 
+def test_a_change_of_a_scene_without_its_unit_is_said(capsys):
+    assert main(["requirements", "hsrs", "--set", "orbit.altitude=-5"]) == 2
+    assert "orbit.altitude must have a unit, such as '1 km', got -5.0" in capsys.readouterr().err
+
+
 def test_scenes_with_other_objectives_are_refused_before_any_trial(capsys):
     assert main(["compare", "mertis", "hsrs", "--trials", "100000000", *SHORT]) == 2
     words = "one objective, got error of emissivity and smallest fire"

@@ -108,7 +108,7 @@ def test_bounds_and_variations_are_lengths(tmp_path):
     from startrack.design.variables import DesignSpace, Variable
 
     case = load_design(EXAMPLE, [f"{BLUR}=1 pixel"]).case
-    with pytest.raises(ValueError, match=r"blur: bound must have a unit that converts to m"):
+    with pytest.raises(ValueError, match=r"blur must have a unit that converts to m"):
         DesignSpace(case, (Variable(BLUR, "0.5 pixel", "2 pixel"),))
     assert len(DesignSpace(case, (Variable(BLUR, "2 um", "20 um"),))) == 1
 

@@ -79,6 +79,11 @@ def test_windows_are_read_from_npz_and_fits(tmp_path):
     np.savez(tmp_path / "none.npz", other=np.zeros(3))
     with pytest.raises(ValueError, match="must hold arrays or tables of a star each"):
         read_windows(tmp_path / "none.npz")
+    truth = fits.BinTableHDU.from_columns([fits.Column("X", "D", array=[1.0])], name="TRUTH")
+    frame = fits.PrimaryHDU(np.zeros((8, 8)))  # as `simulate` writes a whole frame
+    fits.HDUList([frame, truth]).writeto(tmp_path / "frame.fits")
+    with pytest.raises(Refused, match="whole frames must be two or more files"):
+        read_windows(tmp_path / "frame.fits")
 
 
 def test_files_that_hold_no_images_are_named_with_the_reason(tmp_path):
