@@ -306,7 +306,8 @@ def _answer(
         for influence in decide[:FEW]
     )
     if len(order) > 1:
-        parts.append(f"shares of its variance over the ranges: {shares}")
+        # Total indices, whose sum exceeds 100 % where parameters interact.
+        parts.append(f"shares of its variance over the ranges, with interactions: {shares}")
     steepest = max(order, key=lambda influence: abs(influence.change))
     name = labels[steepest.sensitivity.name]
     parts.append(f"here 1 % more of {name} changes it by {_per_cent(steepest.change)}")

@@ -27,7 +27,10 @@ def test_the_first_line_answers_and_the_table_has_a_row_for_each(design, capsys)
     folder = design.parent  # whose ledger serves the next test, too
     assert main(["what-matters", str(design), *QUICK, "--out", str(folder)]) == 0
     answer, _, head, *rows = capsys.readouterr().out.splitlines()
-    assert "shares of its variance over the ranges: optics.f_number (100 %)" in answer
+    assert (
+        "shares of its variance over the ranges, with interactions: optics.f_number (100 %)"
+        in answer
+    )
     assert answer.endswith("detection.threshold does not matter")
     assert "within 1 % of the best" in head
     assert [row.split()[0] for row in rows[:2]] == ["optics.f_number", "detection.threshold"]
