@@ -62,13 +62,13 @@ def test_an_error_that_a_signal_became_is_that_signal(capsys, monkeypatch):
     array."""
     import startrack.cli.requirements as command
 
-    def interrupted(_):
+    def interrupted():
         try:
             signal.raise_signal(signal.SIGTERM)
         except KeyboardInterrupt:
             raise ValueError("Invalid bounding box") from None
 
-    monkeypatch.setattr(command, "_earth_requirements", interrupted)
+    monkeypatch.setattr(command, "example", interrupted)
     assert main(["requirements"]) == 143
     assert "requirements: stopped by SIGTERM; no file is left" in capsys.readouterr().err
 
@@ -77,10 +77,10 @@ def test_an_error_that_a_signal_became_is_that_signal(capsys, monkeypatch):
 def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
     import startrack.cli.requirements as command
 
-    def broken(_):
+    def broken():
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(command, "_earth_requirements", broken)
+    monkeypatch.setattr(command, "example", broken)
     assert main(["requirements", *["--debug"] * debug]) == 1
     err = capsys.readouterr().err
     assert ("Traceback" in err) == debug
