@@ -17,9 +17,9 @@ import warnings
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from pathlib import Path
+from pkgutil import ModuleInfo
 from statistics import mode
 from textwrap import dedent
-from types import ModuleType
 from typing import Any, get_type_hints
 
 import pdoc
@@ -99,13 +99,14 @@ def build(folder: Path) -> None:
     Raises  UserWarning from pdoc where a type or a page cannot be made, if warnings are errors.
     """
     _tell_declared_meanings()
-    _tell_types_of_tuples()
+    _tell_types()
     children = extract.iter_modules2
-    # A function that is called as its file is no module.
+    modules = sorted(module.__name__ for module, _ in public())
+    # Rooms are no names of the package itself, in whose `__all__` pdoc looks for them.
     extract.iter_modules2 = lambda module: {
-        name: found
-        for name, found in children(module).items()
-        if isinstance(getattr(module, name), ModuleType)
+        name.rpartition(".")[2]: ModuleInfo(None, name, ispkg=True)  # type: ignore[arg-type]
+        for name in modules
+        if name.rpartition(".")[0] == module.__name__
     }
     try:
         render.configure(docformat="markdown", footer_text=f"startrack {startrack.__version__}")
@@ -116,12 +117,19 @@ def build(folder: Path) -> None:
         extract.iter_modules2 = children
 
 
-def _tell_types_of_tuples() -> None:
-    """A NamedTuple is made in a module without its types' names, where pdoc looks for them."""
+def _tell_types() -> None:
+    """Resolve types whose names are in another module than the one in which pdoc looks for them.
+
+    A NamedTuple is made in a module without them; a dataclass has fields of its bases.
+    """
     for _, names in public():
         for thing in (one.thing for one in names if inspect.isclass(one.thing)):
             if issubclass(thing, tuple):
                 thing.__new__.__annotations__ = get_type_hints(thing)
+            elif is_dataclass(thing):
+                own = thing.__init__.__annotations__
+                hints = get_type_hints(thing)
+                own.update({name: hints[name] for name in own if name in hints})
 
 
 def _tell_declared_meanings() -> None:
