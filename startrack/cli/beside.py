@@ -21,6 +21,8 @@ except ImportError:  # Windows
 ONE_TRIAL = ("simulate", "solve", "detect")
 IDENTIFICATION, TRIAL = "identification", "fidelity frame"  # parts of `startrack tools warm`
 LOCK = "compiling.lock"  # locked by the compiling process while it runs
+# Processes that continue after their command: Python warns of one that is forgotten before its end.
+CONTINUING = list[subprocess.Popen[bytes]]()
 
 
 @contextmanager
@@ -47,7 +49,9 @@ def compiled_beside(command: str) -> Iterator[None]:
         else:
             yield
     finally:
-        if process and not alone:
+        if process and alone:
+            CONTINUING.append(process)
+        elif process:
             process.terminate()
             process.wait()
 

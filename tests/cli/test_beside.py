@@ -45,6 +45,7 @@ def test_a_command_of_one_trial_goes_on_and_leaves_the_compiling_to_end():
     assert interpret._COMPILING is None
     assert process.parts == ["identification", "fidelity frame"]
     assert process.ended is None
+    assert process is beside.CONTINUING.pop()
 
 
 def test_for_other_commands_another_process_compiles_the_identification_and_is_ended():
