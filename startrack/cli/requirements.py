@@ -16,12 +16,13 @@ if wanted(__name__):
     from startrack.budget import Budget, ErrorLaw, caveats, refusal
     from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
-    from startrack.core import arcsec, deg, um
+    from startrack.core import Refused, arcsec, deg, um
     from startrack.design import Campaign, Case, Requirements
     from startrack.earth import imager
     from startrack.earth.retrieval import load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
     from startrack.optimise import expect, expected_objective
+    from startrack.problem import Expectation
     from startrack.verification import limited, needed_magnitude
 
 EARTH_TOO = (
@@ -128,27 +129,34 @@ def _study(options: argparse.Namespace, path: Path) -> Exit:
     """Print the objective of a scene or a search and the margins of its limits, by formula."""
     # Star trackers do not need this import.
     problem = import_module("startrack.cli.problems").problem_of(path, options.set)
-    words, expected = problem.text(), problem.expect()
+    words, refused = problem.text(), ""
+    try:
+        expected = problem.expect()
+    except Refused as reason:  # costs, and figures of channels, do not need the formula
+        expected, refused = Expectation(math.nan, {}), str(reason)
     margins = {**problem.costs(), **expected.margins}
-    met = all(margin.relative >= 0 for margin in margins.values())
+    met = not refused and all(margin.relative >= 0 for margin in margins.values())
     result = {
         "met": met,
         "objective": words.value,
         "expected": expected.value,
         "unit": words.unit,
         "margins": {name: margin.relative for name, margin in margins.items()},
+        "refused": refused,
         "not_counted": list(expected.left_out),
     }
     rows = [
         [name, *margin.text.split(", "), f"{margin.relative:+.3f}", _verdict(margin.relative)]
         for name, margin in margins.items()
     ]
-    value = f"{words.value}: {expected.value:.4g} {words.unit}".strip()
-    left_out = "; ".join(expected.left_out)
+    value = f"{expected.value:.4g} {words.unit}".strip() + ", by formula"
+    value = f"no forecast: {refused}" if refused else value
+    kept, left_out = sum(not row[-1] for row in rows), "; ".join(expected.left_out)
     print_result(
         options,
         result,
-        f"{value}, by formula; {sum(not row[-1] for row in rows)} of {len(rows)} requirements met",
+        f"{words.value}: {value}; {kept} of {len(rows)} requirements met"
+        + (" of those that need no forecast" if refused else ""),
         "",
         *aligned([HEADING, *rows], (0, 4)),
         *([f"not counted: {left_out}"] if left_out else []),

@@ -76,3 +76,12 @@ def test_the_requirements_of_a_search_for_moving_objects_are_judged_by_formula(c
     assert main(["requirements", "asteroidfinder", *faster]) == 3
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("aperture")]
     assert line.split() == ["aperture", "0.24", "m", "at", "most", "0.225", "-0.067", "NOT", "MET"]
+
+
+def test_where_a_formula_refuses_a_scene_the_figures_of_its_channels_stay(capsys):
+    """The Sun is too high for a forecast of waves."""
+    high = ["--set", "retrieval.waves.sun_zenith=3 deg"]
+    assert main(["requirements", "waves", *high]) == 3
+    out = capsys.readouterr().out
+    assert "no forecast: brightness must follow the slopes of waves" in out.splitlines()[0]
+    assert "pixel on the ground" in out
