@@ -257,10 +257,10 @@ def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         rows.append([one["year"], one["temperature_c"], off, share, chance])
         curves.append([edges[:-1][inside].tolist(), pixels[inside].tolist(), law[inside].tolist()])
     early = []
-    for year, pixels in EARLY:
+    for year, count in EARLY:
         scale = dark_growth(device(year, EARLY_CELSIUS))
-        (count,) = pixels_above(CHANDRA_ACA, np.array([WARM]) / scale, year - LAUNCH) * 2**20
-        early.append([year, pixels, float(count)])
+        above = pixels_above(CHANDRA_ACA, np.array([WARM]) / scale, year - LAUNCH) * 2**20
+        early.append([year, count, float(above[0])])
     return {
         "dark_early": early,
         "dark_bins_worst": worst,
@@ -469,7 +469,7 @@ def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     if not rows:
         return None
     seen, chosen, as_flown, tries = np.array(rows).T[3:]
-    figures = {"bench_rows": rows}
+    figures: dict[str, Any] = {"bench_rows": rows}
     for name, predicted in (("bench", chosen), ("bench_as_flown", as_flown)):
         off = predicted - seen
         figures |= {

@@ -442,7 +442,7 @@ def fits_images(folder: Path) -> Iterator[Case]:
             image: Any = image,
             card: Any = value - zero if blank else None,
             kind: str = kind,
-            zero: int = zero,
+            zero: float = zero,
         ) -> None:
             header = fits.PrimaryHDU(image).header
             if zero:

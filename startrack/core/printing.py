@@ -85,7 +85,7 @@ def rows_of(result: Any) -> Iterator[tuple[str, str]]:
 def _units(kind: type) -> dict[str, Unit | None]:
     """The public fields of a dataclass or NamedTuple, with their units."""
     names = getattr(kind, "_fields", None) or [field.name for field in dataclasses.fields(kind)]
-    if issubclass(kind, Parameters):
+    if Parameters in kind.__mro__:
         declared = fields_of(kind)
         return {name: declared[name].unit for name in names if name in declared}
     hints = typing.get_type_hints(kind, include_extras=True)

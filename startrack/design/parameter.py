@@ -35,9 +35,9 @@ class _Place(NamedTuple):
 
 def _places(case: Any, name: str) -> list[_Place]:
     """The parameters that a name means. Arguments and exceptions as for `paths`."""
-    parts, at = _parts(type(case), name), case
+    parts, at = _parts(case.__class__, name), case
     for part in parts:
-        if not _is_field(type(at), part):
+        if not _is_field(at.__class__, part):
             break
         at = getattr(at, part)
     else:
@@ -277,7 +277,7 @@ def _of_fields(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:
     new, own = object.__new__(type(owner)), vars(owner)
     # Its fields alone: its cached properties are not yet computed.
-    vars(new).update({name: values.get(name, own[name]) for name in _fields(type(owner))})
+    vars(new).update({name: values.get(name, own[name]) for name in _fields(owner.__class__)})
     return new
 
 

@@ -64,7 +64,7 @@ def open_picture(path: Path, data: bytes) -> Any:
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 
-    files = {PNG: PngImageFile, JPEG: JpegImageFile, BMP: BmpImageFile}
+    files: dict[bytes, Any] = {PNG: PngImageFile, JPEG: JpegImageFile, BMP: BmpImageFile}
     opened = next(file for magic, file in files.items() if data.startswith(magic))
     try:
         return opened(io.BytesIO(data))

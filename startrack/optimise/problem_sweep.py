@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from startrack.core import Advance, Refused, printed
@@ -98,7 +99,7 @@ class ProblemSweep:
         return Table(
             [
                 *(
-                    Column(key.name, key.name.rpartition(".")[2], lambda row, at=at: row.values[at])
+                    Column(key.name, key.name.rpartition(".")[2], partial(_value, at=at))
                     for at, key in enumerate(self.keys)
                 ),
                 Column("value", self.words.value, lambda row: row.value, unit, ".4g"),
@@ -107,25 +108,32 @@ class ProblemSweep:
                     Column(
                         f"part: {name}",
                         "",
-                        lambda row, name=name: row.parts.get(name, math.nan),
+                        partial(_part, name=name),
                         DisplayUnit(word, 1.0, 1.0),
                         ".4g",
                     )
                     for name, (_, word) in self.words.parts.items()
                 ),
                 *(
-                    Column(
-                        f"margin: {name}",
-                        "",
-                        lambda row, name=name: row.margins.get(name, math.nan),
-                        form="+.3f",
-                    )
+                    Column(f"margin: {name}", "", partial(_margin, name=name), form="+.3f")
                     for name in margins
                 ),
                 Column("refused", "", lambda row: row.note),
             ],
             self.rows,
         )
+
+
+def _value(row: SweptProblem, at: int) -> str:
+    return row.values[at]
+
+
+def _part(row: SweptProblem, name: str) -> Figure:
+    return row.parts.get(name, math.nan)
+
+
+def _margin(row: SweptProblem, name: str) -> Figure:
+    return row.margins.get(name, math.nan)
 
 
 def sweep_problem(

@@ -364,10 +364,10 @@ def _next_for_trials(
         near = value.score + correction(here) <= corrected(explorer.best) + precision
         if near and not missed(value.margins):
             return here
-    points = [np.array(evaluation.coordinates) for evaluation in tried]
+    known = [np.array(evaluation.coordinates) for evaluation in tried]
     least = corrected(explorer.best) + precision
-    rivals = [point for point in points if explorer.met(point) and corrected(point) <= least]
-    if not rivals and not any((point == explorer.best).all() for point in points):
+    rivals = [point for point in known if explorer.met(point) and corrected(point) <= least]
+    if not rivals and not any((point == explorer.best).all() for point in known):
         return explorer.best
     ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
     points = np.array([end for end in ends if _is_new(end, tried)])

@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -255,7 +255,7 @@ class Sweep:
     def columns(self) -> Table:
         """A row for each design: values, errors, availability, stars, margins, costs, refusal."""
         keys = [
-            Column(key.name, key.name.rpartition(".")[2], lambda row, at=at: row.values[at])
+            Column(key.name, key.name.rpartition(".")[2], partial(_value, at=at))
             for at, key in enumerate(self.keys)
         ]
         short = [
@@ -271,11 +271,11 @@ class Sweep:
             Column("stars", "stars", lambda row: row.figure("stars"), form=".1f"),
         ]
         margins = [
-            Column(f"margin: {name}", "", lambda row, name=name: row.margin(name))
+            Column(f"margin: {name}", "", partial(SweptDesign.margin, name=name))
             for name in self.margins
         ]
         costs = [
-            Column(f"{name} ({unit})", "", lambda row, name=name: _cost(row, name))
+            Column(f"{name} ({unit})", "", partial(_cost, name=name))
             for name, unit in COSTS.items()
         ]
         worst = Column("", "least margin", _least if self.asked else lambda _: "")
@@ -351,6 +351,10 @@ def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:
 def _cells(value: Any, name: str) -> list[Any]:
     values = value or [None, None] if name.endswith("_95") else [value]
     return ["" if part is None or part != part else part for part in values]
+
+
+def _value(row: SweptDesign, at: int) -> str:
+    return row.values[at]
 
 
 def _cost(row: SweptDesign, name: str) -> float:

@@ -91,7 +91,7 @@ def infrared_bands(
     positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)
     weights = response * np.gradient(table.spectrum)
-    used = weights.any(0)  # the rest of the spectrum would cost time
+    used = np.any(weights, axis=0)  # the rest of the spectrum would cost time
     sunlight = sun_spectrum(table.spectrum)[used] / distance**2
     weights, table = weights[:, used], table.within(used)
     angles = ANGLES[: np.searchsorted(ANGLES, table.sensor[-1] + 1e-9)]

@@ -238,8 +238,8 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
         ]
     )
     low, high = depth[:, height < LAYER].sum(1), depth[:, height >= LAYER].sum(1)
-    known = [low, high] if len(tables) > 2 else [low + high]  # two tables cannot match both
-    known = np.array([*known, np.ones(len(low))])
+    sums = [low, high] if len(tables) > 2 else [low + high]  # two tables cannot match both
+    known = np.array([*sums, np.ones(len(low))])
     layered = np.linalg.solve(known[:, :-1], known[:, -1])
     bend = -np.expm1(-(low + high) / 2)
     bent = core.lagrange_weights(bend[:-1], bend[-1:])[0]

@@ -307,7 +307,8 @@ def _belief(survey: Survey, own: LandCover) -> Belief:
     covariance = np.stack(
         [inner * np.outer(mean, mean) + np.diag(_noise(sides, mean[None])[0]) for mean in means]
     )
-    return Belief(means, np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1])
+    inverse = np.asarray(np.linalg.inv(covariance), float)
+    return Belief(means, inverse, np.linalg.slogdet(covariance)[1])
 
 
 def classify_land(survey: Survey, own: LandCover, reflectance: Floats) -> Ints:
