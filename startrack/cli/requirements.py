@@ -19,10 +19,10 @@ if wanted(__name__):
     from startrack.core import Refused, arcsec, deg, um
     from startrack.design import Campaign, Case, Requirements
     from startrack.earth import imager
-    from startrack.earth.retrieval import load_earth_design
+    from startrack.earth.retrieval import EarthProblem, load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
     from startrack.optimise import expect, expected_objective
-    from startrack.problem import Expectation
+    from startrack.problem import Expectation, Problem
     from startrack.verification import limited, needed_magnitude
 
 EARTH_TOO = (
@@ -49,7 +49,9 @@ def command(options: argparse.Namespace) -> int:
     path = options.campaign or example()
     match kind_of(path):
         case kind if kind is SEARCH:
-            return _study(options, path)
+            # Star trackers do not need this import.
+            problems = import_module("startrack.cli.problems")
+            return _study(options, problems.problem_of(path, options.set))
         case kind if kind is SCENE:
             return _scene(options, path)
         case kind if kind is GOALS:
@@ -125,10 +127,8 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
     ]
 
 
-def _study(options: argparse.Namespace, path: Path) -> Exit:
+def _study(options: argparse.Namespace, problem: Problem) -> Exit:
     """Print the objective of a scene or a search and the margins of its limits, by formula."""
-    # Star trackers do not need this import.
-    problem = import_module("startrack.cli.problems").problem_of(path, options.set)
     words, refused = problem.text(), ""
     try:
         expected = problem.expect()
@@ -146,7 +146,13 @@ def _study(options: argparse.Namespace, path: Path) -> Exit:
         "not_counted": list(expected.left_out),
     }
     rows = [
-        [name, *margin.text.split(", "), f"{margin.relative:+.3f}", _verdict(margin.relative)]
+        [
+            name,
+            margin.value_text,
+            margin.limit_text,
+            f"{margin.relative:+.3f}",
+            _verdict(margin.relative),
+        ]
         for name, margin in margins.items()
     ]
     value = f"{expected.value:.4g} {words.unit}".strip() + ", by formula"
@@ -182,7 +188,7 @@ def _scene(options: argparse.Namespace, path: Path) -> int:
     with as_wrong_use(path=file):
         design = load_earth_design(file, options.set)
         if design.retrieval and design.campaign:
-            status = _study(options, path)
+            status = _study(options, EarthProblem(design))
         for channel, height, figures in imager.figures_of(design):
             margins = imager.margins_of(channel, figures)
             if any(margin < 0 for margin in margins.values()):

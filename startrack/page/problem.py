@@ -149,7 +149,11 @@ class ProblemPage:
 
 def _margins(margins: Mapping[str, Margin]) -> list[dict[str, Any]]:
     return [
-        {"name": name, "value": value, "limit": limit, "margin": margin.relative}
+        {
+            "name": name,
+            "value": margin.value_text,
+            "limit": margin.limit_text,
+            "margin": margin.relative,
+        }
         for name, margin in margins.items()
-        for value, limit in [margin.text.split(", ")]
     ]

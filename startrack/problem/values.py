@@ -35,10 +35,19 @@ class Margin(NamedTuple):
         return 0.0 if self.value <= self.limit else -math.inf
 
     @property
+    def value_text(self) -> str:
+        """Value with its unit."""
+        return f"{self.value:.4g} {self.unit}".strip()
+
+    @property
+    def limit_text(self) -> str:
+        """Limit in words."""
+        return f"{'at most' if self.most else 'at least'} {self.limit:.4g}"
+
+    @property
     def text(self) -> str:
         """Value and limit in words."""
-        value = f"{self.value:.4g} {self.unit}".strip()
-        return f"{value}, {'at most' if self.most else 'at least'} {self.limit:.4g}"
+        return f"{self.value_text}, {self.limit_text}"
 
 
 @printed
