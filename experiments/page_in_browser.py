@@ -7,6 +7,8 @@ move_ms_95        for each design, 95 % quantile of the time of a slider's move,
 images_ms_95      likewise, to the painted frame, which another process computes meanwhile
 move_cpu_ms       mean CPU time of the server for a move, without the frame, ms; move_ms_95 is
                   larger on shared cores
+units_first       1: the first sentence is the objective over units and conditions as soon as it is
+                  computed; until then it says that it is being computed
 search_visible_s  longest time from a line of search.jsonl to its point on the page, s
 saved_same        1: the saved file gives the numbers shown by `startrack budget`, digit by digit
 offline           1: no request goes to another host, and no other address can be reached
@@ -108,6 +110,16 @@ def saved_same(page: Browser, folder: Path) -> bool:
     printed = subprocess.run(line, capture_output=True, text=True).stdout
     whole = json.loads(printed)["analytic"]["end to end"]
     return bool(shown == [whole["across"], whole["about"]])
+
+
+def units_first(page: Browser) -> bool:
+    """Whether the first sentence is that of units and conditions, if the design has any."""
+    answer = "sides.A.box.querySelector('.answer').textContent"
+    waiting = "sides.A.shown.later && !sides.A.later"
+    early = page.run(f"return !({waiting}) || {answer}.endsWith('being computed')")
+    page.until(f"!({waiting}) && !sides.A.painting")
+    late = page.run(f"return !sides.A.later || {answer}.startsWith(sides.A.later.objective)")
+    return bool(early and late)
 
 
 def compared(page: Browser) -> bool:
@@ -220,6 +232,7 @@ def figures(designs: list[str], moves: int) -> dict[str, Any]:
                 found["move_cpu_ms"][design] = round((cpu_ms(process.pid) - before) / moves, 1)
                 for part in (50, 95):
                     found[f"move_ms_{part}"][design] = round(float(np.percentile(times, part)), 1)
+                found["units_first"] = int(units_first(page) and found.get("units_first", 1))
                 page.until(READY)
                 found["images_ms_95"][design] = round(
                     float(np.percentile(page.run(IMAGES)[-moves:], 95)), 1

@@ -90,6 +90,7 @@ class Side {
       const found = await ask("later", { changes });
       if (number !== this.number || !found) return;
       this.later = found;
+      this.drawAnswer();
       this.drawRequirements();
     }
     for (const rate of shown.rates || []) {
@@ -105,10 +106,7 @@ class Side {
     if (!shown) return;
     const beside = other && other.shown;
     this.box.querySelector(".title").textContent = comparing ? `Design ${this.name}` : "";
-    const answer = shown.blind || shown.answer || "";
-    const ratio = comparing && this.name === "B" && beside && beside.value && shown.value
-      ? `. B over A: ${digits(shown.value / beside.value, 3)}` : "";
-    this.box.querySelector(".answer").textContent = answer + ratio;
+    this.drawAnswer();
     this.showConditions(shown.conditions || []);
     if (about.kind === "tracker") drawBudget(this.panel("budget"), shown, ghost, beside);
     else drawParts(this.panel("parts"), shown, ghost);
@@ -116,6 +114,19 @@ class Side {
     this.drawRequirements();
     clearTimeout(this.curves); // which are drawn when nothing else is waited for
     this.curves = setTimeout(() => this.drawCurves(), 50);
+  }
+
+  // The design as designed is better than its units, so that their error stands first.
+  drawAnswer() {
+    const { shown, later } = this, beside = comparing && this.name === "B" && sides.A.shown;
+    const parts = [shown.blind || shown.answer || ""];
+    if (later && !later.refused) {
+      const judged = later.requirements.filter((row) => row.margin !== undefined);
+      parts.unshift(`${later.objective}: ${digits(later.expected)} arcsec, by formula; ` +
+        `${judged.filter(isMet).length} of ${judged.length} requirements met`);
+    } else if (shown.later && !later && !shown.blind) parts.push("units and conditions are being computed");
+    if (beside && beside.value && shown.value) parts.push(`B over A, as designed: ${digits(shown.value / beside.value, 3)}`);
+    this.box.querySelector(".answer").textContent = parts.join("; ");
   }
 
   showConditions(names) {
@@ -139,9 +150,8 @@ class Side {
   drawRequirements() {
     const { shown, later } = this, ready = later && !later.refused;
     let state = "By formula, of the design as designed.";
-    if (shown.later && !later) state += " Units and conditions are being computed.";
     if (later && later.refused) state = later.refused;
-    if (ready) state = `${later.objective}: ${digits(later.expected)} arcsec expected, by formula.`;
+    if (ready) state = "By formula, over units and conditions.";
     const rows = ready ? later.requirements : shown.requirements;
     const before = this.ghost && (ready ? this.ghost.requirementsLater : this.ghost.requirements);
     drawRequirements(this.panel("requirements"), rows, before, state);

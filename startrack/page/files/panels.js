@@ -180,7 +180,6 @@ function notCounted(shown) {
 // --- requirements --------------------------------------------------------------------------------
 
 function drawRequirements(panel, rows, before, state) {
-  const isMet = (row) => row.margin !== null && row.margin >= 0;
   const text = (row) => row.margin === undefined ? ""
     : `${isMet(row) ? "✓" : "✗ NOT MET"} ${signed(row.margin)}`;
   const old = new Map((before || []).map((row) => [row.name, text(row)]));
@@ -192,6 +191,10 @@ function drawRequirements(panel, rows, before, state) {
     const missed = row.margin !== undefined && !isMet(row);
     return { cells: [row.name, row.value, limit, text(row)], missed, before: old.get(row.name) };
   }));
+}
+
+function isMet(row) {
+  return row.margin !== null && row.margin >= 0;
 }
 
 function signed(margin) {
