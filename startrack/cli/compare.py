@@ -31,6 +31,7 @@ if wanted(__name__):
     )
     from startrack.montecarlo import Difference as Found
     from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
+    from startrack.problem import ratios_answer
 
 AVAILABILITY = "availability"
 CHANGE = "second / first"
@@ -233,9 +234,10 @@ def _text(
     paired: bool,
     trials: tuple[int, int],
 ) -> list[str]:
-    rows = [["", str(options.first), str(options.second), CHANGE]]
-    rows += [[name, *pair, ""] for name, pair in changed.items()]
+    names = str(options.first), str(options.second)
+    rows = [["", *names, CHANGE]]
     rows += [_row(difference).cells[0] for difference in statistics]
+    rows += [[name, *pair, ""] for name, pair in changed.items()]
     how = (
         f"on the same skies and noise in {trials[0]} trials; errors of trials that both solved"
         if paired
@@ -249,4 +251,5 @@ def _text(
         needed = trials_for_level(LEVEL)
         few, level = min(trials), 100 * LEVEL
         lines.append(f"{few} trials bound no level of {level:g} %; {needed} with an attitude would")
-    return [*aligned(rows), "", *lines]
+    ratios = dict(zip(AXES, (found.change for found in statistics), strict=False))
+    return [ratios_answer(names, ratios), "", *aligned(rows), "", *lines]

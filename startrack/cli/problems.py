@@ -29,6 +29,7 @@ from startrack.problem import (
     Problem,
     beside_forecast,
     compare_problems,
+    ratios_answer,
     require_one_objective,
     with_interval,
 )
@@ -344,7 +345,9 @@ def compare(options: argparse.Namespace, first: Problem, second: Problem) -> int
             for row in found
         },
     }
-    terminal.print_result(options, result, *aligned([head, *lines]), "", told)
+    names = str(options.first), str(options.second)
+    answer = ratios_answer(names, {row.name: row.ratio for row in found[:1]})
+    terminal.print_result(options, result, answer, "", *aligned([head, *lines]), "", told)
     return Exit.DONE
 
 

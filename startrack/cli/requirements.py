@@ -17,13 +17,13 @@ if wanted(__name__):
     from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import Refused, arcsec, deg, um
-    from startrack.design import Campaign, Case, Requirements
+    from startrack.design import COSTS, Campaign, Case, Requirements
     from startrack.earth import imager
     from startrack.earth.retrieval import EarthProblem, load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
     from startrack.optimise import expect, expected_objective
     from startrack.problem import Expectation, Problem
-    from startrack.verification import limited, needed_magnitude
+    from startrack.verification import cost_margins, limited, needed_magnitude
 
 EARTH_TOO = (
     "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, "
@@ -68,12 +68,12 @@ def command(options: argparse.Namespace) -> int:
         "data_rate_bit_per_s": needs.data_rate(design.case),
         "cost": needs.cost(design.case),
     }
-    show("\n".join(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()))
+    show(_costs_answer(design.case, needs))
     with stage("error budget"):
         budget, margins, error = recalled(_expected)(design.case, campaign)
     objective = campaign.goal_of(design.case)
-    # NaN meets no requirement.
-    met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
+    kept = sum(map(_met, margins.values()))
+    met = kept == len(margins)
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
@@ -82,6 +82,7 @@ def command(options: argparse.Namespace) -> int:
         for limit in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
+    show(f"{objective}: {error:.3f} arcsec, by formula; {kept} of {len(margins)} requirements met")
     for sentence in refusal(design.case, budget.refused):
         show(sentence)
     show("\n".join(aligned([HEADING, *_rows(design.case, needs, margins)], (0, 4))))
@@ -90,10 +91,9 @@ def command(options: argparse.Namespace) -> int:
             f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
             for name, limit in limits.items()
         ),
-        f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; errors and "
-        "availability by the analytic budget. Margins are fractions of the limits; the margin of "
-        f"stars is in mag: detection limit minus the limit for {needs.min_stars} stars in "
-        f"{100 * needs.sky_fraction:g} % of the sky.",
+        f"Errors and availability by the analytic budget, with {budget.stars:.1f} stars. Margins "
+        "are fractions of the limits; the margin of stars is in mag: detection limit minus the "
+        f"limit for {needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky.",
         *caveats(design.case, budget.left_out),
     ]
     show("\n".join(lines))
@@ -110,8 +110,25 @@ def _expected(
     return budget, margins, expected_objective(case, campaign) / arcsec
 
 
+def _met(margin: float) -> bool:
+    return math.isfinite(margin) and margin >= 0  # NaN meets no requirement
+
+
 def _verdict(margin: float) -> str:
     return "" if margin >= 0 else "NOT MET"
+
+
+def _costs_answer(case: Case, needs: Requirements) -> str:
+    """A sentence on the limits of costs and update rate, which need no forecast."""
+    margins = cost_margins(needs, case)
+    limits = {name: limited(needs, name, margin) for name, margin in margins.items()}
+    texts = [
+        f"{name} {value} ({limit} {'required' if name == 'update rate' else 'allowed'})"
+        for name, (value, limit) in limits.items()
+        if limit
+    ]
+    kept = sum(map(_met, margins.values()))
+    return f"{kept} of {len(margins)} limits on costs met: {', '.join(texts)}; errors follow"
 
 
 def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list[list[str]]:
@@ -120,6 +137,11 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
     rows = [
         [name, *limited(needs, name, margin, needed), f"{margin:+.3f}", _verdict(margin)]
         for name, margin in margins.items()
+    ]
+    rows += [
+        [name, f"{cost:.4g} {unit.removesuffix('1')}".strip(), "no limit", "", ""]
+        for name, unit in COSTS.items()
+        if name not in margins and (cost := needs.cost_named(name, case)) > 0
     ]
     return rows + [
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]

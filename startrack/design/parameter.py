@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 from startrack.core import Refused, Unit, parse, positive, unit_of
-from startrack.io import current_key
+from startrack.io import current_key, meant_key
 
 T = TypeVar("T")
 
@@ -86,14 +86,16 @@ def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
         here = _entry(at, part)
         if here is not None:
             return [(str(here), at[here])]
-    elif dataclasses.is_dataclass(at):
+    meant = ""
+    if dataclasses.is_dataclass(at):
         key = current_key(type(at), part)
         if key != part:
             current = ".".join(key if word == part else word for word in name.split("."))
             warnings.warn(f"{name} is now called {current}", FutureWarning, stacklevel=2)
         if hasattr(at, key):
             return [(key, getattr(at, key))]
-    raise Refused(f"{name} must be a parameter of the design, but {part} is none")
+        meant = meant_key(at.__class__, part)
+    raise Refused(f"{name} must be a parameter of the design, but {part} is none{meant}")
 
 
 def find(case: Any, name: str) -> Any:

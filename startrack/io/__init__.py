@@ -59,6 +59,7 @@ from startrack.io.tables import (
     LARGEST_INTEGER,
     current_key,
     from_table,
+    meant_key,
     refuse_unknown,
     to_table,
     written,

@@ -13,6 +13,7 @@ from startrack.core import Refused, Unit, bare, fields_of
 
 T = TypeVar("T")
 LONGEST_NAME = 64  # letters of the longest key for which similar keys are searched; by hand
+SIMILAR, MOST_PLACES = 0.8, 3  # least similarity of a key in other tables, most places; by hand
 NAMES = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
 LARGEST_INTEGER = 2**63 - 1
 
@@ -67,16 +68,39 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[
         key = current_key(kind, key)
         inner = fields[key].kind if key in fields else None
         if inner is None:
-            near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
             names = ", ".join(fields) or "no keys"
             text = f"{_join(place, core.shown(key)[1:-1])} is unknown"
-            yield (
-                (f"{text}; did you mean {near[0]}?", "")
-                if near
-                else (text, f"; known here are {names}")
-            )
+            meant = meant_key(kind, str(key))
+            yield (f"{text}{meant}", "") if meant else (text, f"; known here are {names}")
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))
+
+
+def meant_key(kind: type, name: str) -> str:
+    """The question "; did you mean ...?" for an unknown key of a table: with a similar key of this
+    table, or with the places of a similar key in the tables below, where "*" is an entry of a list;
+    empty if there are none, or more than a few."""
+    if own := difflib.get_close_matches(name[:LONGEST_NAME], fields_of(kind), 1):
+        return f"; did you mean {own[0]}?"
+    places = dict[str, list[str]]()
+    for last, place in _below(kind):
+        places.setdefault(last, []).append(place)
+    near = difflib.get_close_matches(name[:LONGEST_NAME], places, 1, SIMILAR)
+    if not near or len(places[near[0]]) > MOST_PLACES:
+        return ""
+    return f"; did you mean {' or '.join(places[near[0]])}?"
+
+
+def _below(kind: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Last part and place of each key in the tables below a class."""
+    for name, field in fields_of(kind).items():
+        inner, here = field.kind, _join(place, name)
+        if place:
+            yield name, here
+        if typing.get_origin(inner) is tuple:
+            inner, here = bare(typing.get_args(inner)[0])[0], f"{here}.*"
+        if dataclasses.is_dataclass(inner):
+            yield from _below(inner, here)
 
 
 def current_key(kind: type, key: str) -> str:

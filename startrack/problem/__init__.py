@@ -10,7 +10,7 @@ table    Judgement, expectation -> lines with the values by trials and by formul
 from startrack.problem.compare import ProblemDifference, compare_problems, require_one_objective
 from startrack.problem.problem import Problem, SearchSettings, Settings
 from startrack.problem.run import run_problem
-from startrack.problem.table import beside_forecast, with_interval
+from startrack.problem.table import beside_forecast, ratios_answer, with_interval
 from startrack.problem.values import (
     Bounds,
     Expectation,
@@ -35,6 +35,7 @@ __all__ = [
     "Words",
     "beside_forecast",
     "compare_problems",
+    "ratios_answer",
     "run_problem",
     "with_interval",
 ]

@@ -407,7 +407,9 @@ def test_why_stars_are_refused_comes_after_costs_and_before_errors(capsys):
     assert main(["requirements", str(EXAMPLE), "--set", "instrument.optics.blur=1 um"]) == 3
     lines = capsys.readouterr().out.splitlines()
     table = next(n for n, line in enumerate(lines) if line.startswith("requirement "))
-    assert lines[0].startswith("mass kg")
+    assert lines[0].startswith("3 of 3 limits on costs met: mass ")
+    assert "arcsec, by formula; " in lines[2]
+    assert lines[2].endswith("requirements met")
     assert "stars above the threshold are rejected as hot pixels" in lines[table - 2]
     assert sum("rejected as hot pixels" in line for line in lines) == 1
 

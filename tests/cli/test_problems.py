@@ -98,6 +98,9 @@ def test_two_scenes_are_compared(capsys):
     assert main(["compare", "mertis", scene, "--trials", "32", *QUICK, *SHORT]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["statistics"]["error of emissivity"]["ratio"] == [1, 1, 1]
+    assert main(["compare", "mertis", scene, "--trials", "32", *QUICK, *SHORT[:-1]]) == 0
+    answer = capsys.readouterr().out.splitlines()[0]
+    assert answer.endswith("error of emissivity 1 [1, 1]; no difference is shown")
 
 
 @pytest.mark.slow

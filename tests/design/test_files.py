@@ -79,6 +79,11 @@ def test_unknown_keys_of_the_design_and_of_its_campaign_are_named_at_once(edited
             "f_numbr = 2",
             "instrument.optics.f_numbr is unknown; did you mean f_number",
         ),
+        (
+            "[catalog]\nsource",
+            "[optics]\nf_number = 2\n[catalog]\nsource",
+            "optics is unknown; did you mean instrument.optics?",
+        ),
         ("bits = 12", "bits = 12.5", "instrument.detector.bits must be a whole number, got 12.5"),
         ("bits = 12", "bits = true", "instrument.detector.bits must be a whole number, got True"),
         (

@@ -50,7 +50,11 @@ def test_text_has_units():
 @pytest.mark.parametrize(
     ("variable", "words"),
     [
-        (Variable("instrument.optics.focus", 1.0, 2.0), "focus is none"),
+        (Variable("instrument.optics.focus", 1.0, 2.0), "focus is none; did you mean defocus"),
+        (
+            Variable("exposure", 1.0, 2.0),
+            "exposure is none; did you mean instrument.detector.exposure?",
+        ),
         (Variable("instrument.optics", 1.0, 2.0), "must be a number that can vary"),
         (Variable("instrument.optics.psf", 8.0, 12.0), "must be a number that can vary"),
         (Variable("instrument.motion.tones.0.rms_x", 8.0, 12.0), "0 is none"),

@@ -17,7 +17,7 @@ from startrack.optimise import (
     sample,
     sensitivities,
 )
-from startrack.problem import Margin, compare_problems
+from startrack.problem import Margin, compare_problems, ratios_answer
 from startrack.report import write_problem_report
 from startrack.verification import Answer, Looks, problem_verdict_table, verify_problem
 
@@ -105,6 +105,8 @@ def test_two_problems_are_compared_on_the_same_trials(photometer):
     truth = second.expect().value / first.expect().value
     assert found.ratio.low < truth < found.ratio.high
     assert found.ratio.high / found.ratio.low < 1.4
+    better = ratios_answer(("a", "b"), {"error": found.ratio})
+    assert better.endswith(f"; {'a' if truth > 1 else 'b'} is better (error)")
     (same,) = compare_problems((first, first), (rows[0], rows[0]))
     assert same.ratio.low == same.ratio.value == same.ratio.high == 1
 
