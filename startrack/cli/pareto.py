@@ -26,10 +26,10 @@ if wanted(__name__):
     from startrack.optimise import FrontGoals, Point, front
 
 
-FIRST = "across"
+FIRST, SECOND = "across", "mass"
 GOALS = (
     "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost; "
-    "for a scene: objective (default), one of its parts, or an upper limit"
+    "for a scene: objective (default), one of its parts, or an upper limit (default: the first)"
 )
 declare = Options(
     "Finds the Pareto front of two goals (no other design is better in both) by the analytic "
@@ -37,7 +37,7 @@ declare = Options(
     "result.json.",
     *study("pareto"),
     Option("--first GOAL", f"first goal: {GOALS}", default=FIRST),
-    Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
+    Option("--second GOAL", f"second goal: {GOALS}", default=SECOND),
     Option("--points N", "number of designs on the front", whole(2, 1000), 7),
     Option(
         "--method",
@@ -95,7 +95,15 @@ def write_front(
     for point, values in zip(points, texts, strict=True):
         pairs = zip(point.expected, point.measured, strict=True)
         rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values.values()])
-    table = "\n".join(markdown([*head, *labels], rows))
+    ends = [
+        " at ".join(f"{name} {value:.4g} {unit}".strip() for name, value, unit in figures)
+        for figures in (
+            list(zip(words, point.measured, units, strict=True))
+            for point in (points[0], points[-1])
+        )
+    ]
+    answer = f"{len(points)} designs on the front, by trials: from {ends[0]} to {ends[1]}"
+    table = "\n".join([answer, "", *markdown([*head, *labels], rows)])
     first, second = (plots.with_unit(word, unit) for word, unit in zip(words, units, strict=True))
     plots.draw_front(options.out / "front.png", points, (first, second), trials)
     found = [

@@ -27,6 +27,7 @@ from startrack.problem import (
     Judgement,
     Margin,
     Problem,
+    Words,
     beside_forecast,
     compare_problems,
     ratios_answer,
@@ -251,8 +252,12 @@ def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
 def trade_off(options: argparse.Namespace, problem: Problem) -> int:
     """Print and write the Pareto front of two goals."""
     first = optimise.OBJECTIVE if options.first == pareto.FIRST else options.first
+    second = options.second
+    if second == pareto.SECOND:
+        costs = problem.costs().items()
+        second = next((name for name, margin in costs if margin.most), second)
     with opened(options, problem) as source, stages("trading off") as show:
-        goals = optimise.ProblemGoals(problem, first, options.second)
+        goals = optimise.ProblemGoals(problem, first, second)
         points = optimise.problem_front(source, goals, options.points, options.method, show)
     named = goals.first, goals.second
     return pareto.write_front(
@@ -442,8 +447,27 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
     )
     said = _verdict_lines(found.verdicts, found.costs, last)
     return "\n".join(
-        [*markdown(head, lines), "", *said, *more, *_not_counted(found.expected.left_out)]
+        [
+            _improved_answer(words, found),
+            "",
+            *markdown(head, lines),
+            "",
+            *said,
+            *more,
+            *_not_counted(found.expected.left_out),
+        ]
     )
+
+
+def _improved_answer(words: Words, found: optimise.Improved) -> str:
+    """Improvement of the objective, and the limits that are not met."""
+    first, last = (with_interval(judged.value, words.unit) for judged in found.judged)
+    gain = f"Better by a factor of {with_interval(found.factor, '')} in the {words.value}"
+    text = f"{gain}: {last} instead of {first}."
+    if found.start == found.best:
+        text = f"No design is better than the start: {words.value} {last}."
+    short = [f"{name} {verdict}" for name, verdict in found.verdicts.items() if verdict != "met"]
+    return f"{text} {'; '.join(short) or 'All limits are met'}."
 
 
 def _not_counted(left_out: Sequence[str]) -> list[str]:

@@ -10,9 +10,10 @@ from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, 
 if wanted(__name__):
     from startrack import plots
     from startrack.cli import terminal
+    from startrack.core import arcsec
     from startrack.design import Fidelity
     from startrack.io import finite, save_json, shipped
-    from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, to_json, to_lines
+    from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, bracketed, to_json, to_lines
     from startrack.montecarlo import export, pool
     from startrack.sequence import Recording, Tracking, fly_sequences, summarise_sequences
 
@@ -89,8 +90,18 @@ def command(options: argparse.Namespace) -> int:
         f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, "
         "open for a single sequence"
     )
-    terminal.print_result(options, result, *to_lines(rows), counted)
+    terminal.print_result(options, result, _answer(tracking), "", *to_lines(rows), counted)
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
+
+
+def _answer(tracking: Tracking) -> str:
+    """Fraction of the frames with an attitude, errors of the filter, and losses of track."""
+    across, about = (bracketed(error, ".3f", arcsec) for error in (tracking.across, tracking.about))
+    return (
+        f"attitude known in {100 * tracking.known.value:.2f} % of the frames; error of the filter "
+        f"{across} arcsec across and {about} about the boresight, rms per axis; "
+        f"{tracking.losses_per_hour.value:.3g} losses of track per hour"
+    )
 
 
 def _rows(tracking: Tracking, heads: int) -> list[Row]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.budget import caveats, differences, refusal
 from startrack.core import YEAR, Refused, arcsec
-from startrack.design import NOMINAL, Campaign
+from startrack.design import NOMINAL, Campaign, Objective
 from startrack.io import save_csv
 from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
 from startrack.optimise.budgets import budget_of, without_units
@@ -92,12 +92,8 @@ def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
 
 
 def comparison(optimum: Optimum, campaign: Campaign) -> str:
-    """Start and best side by side, as Markdown."""
-    doubt = optimum.fresh[1].doubt
-    lines = [f"Best design: {doubt}.", ""] if doubt else []
-    if optimum.candidate:
-        lines += [kept_start(optimum, campaign), ""]
-    spans = span_texts(optimum)
+    """Answer, start and best side by side, and what limits the best, as Markdown."""
+    lines, spans = [_answer(optimum, campaign), ""], span_texts(optimum)
     within = f"within {100 * campaign.precision:g} %, by the budget"
     head = ["", "start", "best", *([within] if spans else [])]
     rows = [
@@ -113,6 +109,20 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     for sentence in _closing_sentences(optimum):
         lines += ["", sentence]
     return "\n".join(lines)
+
+
+def _answer(optimum: Optimum, campaign: Campaign) -> str:
+    """Improvement of the best design, and the requirements that it misses."""
+    doubt = optimum.fresh[1].doubt
+    gain = kept_start if optimum.candidate else _gain
+    parts = [f"Best design: {doubt}."] if doubt else []
+    parts.append(gain(optimum, campaign))
+    if optimum.lacking:
+        short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
+        parts.append(f"NOT MET, the least violated first: {short}.")
+    elif optimum.feasible:
+        parts.append("All requirements are met.")
+    return " ".join(parts)
 
 
 def _variable_rows(optimum: Optimum, spans: Mapping[str, str]) -> list[list[str]]:
@@ -163,7 +173,7 @@ def _judgement(optimum: Optimum, campaign: Campaign) -> str:
     """Improvement of the best design, and its trials."""
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
-    compared = "" if optimum.candidate else _factor_sentences(optimum, campaign)
+    compared = "" if optimum.candidate else _optimism(optimum)
     needs, false = campaign.requirements, optimum.fresh[1].false
     return (
         f"{compared}{designs} {evaluated}, "
@@ -174,28 +184,41 @@ def _judgement(optimum: Optimum, campaign: Campaign) -> str:
     )
 
 
-def _factor_sentences(optimum: Optimum, campaign: Campaign) -> str:
-    """The factor of improvement, and the error of the best before fresh trials."""
-    fresh, quantity = f"{optimum.fresh[0].trials} fresh frames, paired", f"{campaign.goal}"
-    tuned, later = "error on the tuning trials was", "fresh frames show"
-    if units := optimum.units:
-        fresh = f"{units.count} fresh units, the same of both designs"
-        quantity, later = f"{quantity} {units.over.words}", "fresh units show"
-        tuned = "level that the search expected was"
-    by = f"{bracketed(optimum.factor, '.2f')} in the {quantity}, on {fresh}"
+def _gain(optimum: Optimum, campaign: Campaign) -> str:
+    """The factor of improvement."""
     if campaign.minimise != "error":
         name, unit = campaign.made_small
         costs = (f"{campaign.cost(case):.4g}" for case in (optimum.best, optimum.start))
         by = f"{optimum.factor.value:.3g} in the {name}: {' instead of '.join(costs)} {unit}"
+        return f"Better by a factor of {by}."
+    errors, fresh = list[str](), f"{optimum.fresh[0].trials} fresh frames, paired"
+    quantity = f"{campaign.goal}"
+    for axis in ("across", "about"):
+        if quantity == str(Objective(axis)):
+            errors = [_written(getattr(one, axis)) for one in reversed(optimum.fresh)]
+    if units := optimum.units:
+        fresh = f"{units.count} fresh units, the same of both designs"
+        quantity = f"{quantity} {units.over.words}"
+        errors = [_written(units.best), _written(units.start)]
+    by = f"{bracketed(optimum.factor, '.2f')} in the {quantity}"
+    values = f": {' instead of '.join(errors)} arcsec" if errors else ""
+    return f"Better by a factor of {by}{values}, on {fresh}."
+
+
+def _optimism(optimum: Optimum) -> str:
+    """The error of the best before fresh trials."""
+    tuned, later = "error on the tuning trials was", "fresh frames show"
+    if optimum.units:
+        tuned, later = "level that the search expected was", "fresh units show"
     tuning = optimum.tuning_error / arcsec
     return (
-        f"Better by a factor of {by}. The {tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
+        f"The {tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
         f"{bracketed(optimum.optimism, '.3f')} of that. "
     )
 
 
 def _closing_sentences(optimum: Optimum) -> Iterator[str]:
-    """Margins, choices and bounds of the best, and missed requirements."""
+    """Margins, choices and bounds of the best."""
     by_trials = {
         name: margin
         for name, margin in optimum.margins.items()
@@ -217,9 +240,6 @@ def _closing_sentences(optimum: Optimum) -> Iterator[str]:
             f"On a bound of its variable: {', '.join(bounds)}. The range decides there, not the "
             "model; beyond it the best may be another design."
         )
-    if optimum.lacking:
-        short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
-        yield f"NOT MET, the least violated first: {short}."
 
 
 def kept_start(optimum: Optimum, campaign: Campaign) -> str:
@@ -401,8 +421,12 @@ def tolerance_table(tolerance: Tolerance) -> str:
     limit_text = f"{limit:.{_digits(limit)}f} {unit.name}".strip()
     head = ["variable", "design", *(f"{100 * fraction:g} %" for fraction in FRACTIONS)]
     rows = [[shown_as[name], centre[name], *(text[name] for text in texts)] for name in centre]
-    lines = markdown(head, rows)
-    lines += [
+    wide = ", ".join(f"{row[0]} {row[2]} to {row[-1]}" for row in rows)
+    lines = [
+        f"Of the designs that keep the objective below {limit_text} and meet the requirements, "
+        f"95 % have, each variable by itself: {wide}.",
+        "",
+        *markdown(head, rows),
         "",
         f"Quantiles of the designs that keep the objective below {limit_text} "
         f"and meet the requirements: {chain_text(tolerance.chains)}. The response surface "

@@ -545,7 +545,10 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
     assert low <= result["factor"] <= high
     assert (out / "ledger.sqlite").is_file()
     assert len((out / "evaluations.csv").read_text().splitlines()) == result["evaluations"] + 1
-    assert "| start | best |" in (out / "comparison.md").read_text()
+    text = (out / "comparison.md").read_text()
+    assert text.startswith(("Better by a factor of ", "No design that was found is better"))
+    assert ("NOT MET, the least violated first" in text.splitlines()[0]) == (status == 3)
+    assert "| start | best |" in text
     assert cv2.imread(str(out / "convergence.png")) is not None
     best = load_design(out / "best.toml")
     assert best.campaign == load_design(short).campaign

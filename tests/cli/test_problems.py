@@ -36,7 +36,9 @@ def test_an_earth_camera_is_optimised(tmp_path, capsys):
     assert found["factor"][0] >= 1
     assert set(found["best_si"]) == set(found["start_si"])
     assert {"aperture", "swath", "nominal: power"} <= set(found["verdicts"])
-    assert "smallest fire" in (tmp_path / "comparison.md").read_text()
+    answer = (tmp_path / "comparison.md").read_text().splitlines()[0]
+    assert "in the smallest fire: " in answer
+    assert answer.endswith("All limits are met.") == found["feasible"]
     assert (tmp_path / "convergence.png").stat().st_size > 10_000
     assert json.loads((tmp_path / "best.json").read_text()) == found["best_si"]
 
@@ -111,9 +113,16 @@ def test_a_scene_has_sensitivities_a_tolerance_a_front_and_a_page(tmp_path, caps
     assert found["variables"]["retrieval.minerals.step"]["low"] > 0
     assert main(["sample", "mertis", *out]) in (0, 3)
     capsys.readouterr()
-    assert main(["pareto", "mertis", "--second", "aperture", "--points", "3", *out]) == 0
-    points = json.loads(capsys.readouterr().out)["points"]
-    assert len(points) >= 2
+    assert main(["pareto", "mertis", "--points", "3", *out]) == 0
+    front = json.loads(capsys.readouterr().out)
+    assert len(front["points"]) >= 2
+    assert front["goals"] == ["objective", "aperture"]
+    first, last = (point["tried"] for point in (front["points"][0], front["points"][-1]))
+    answer = (tmp_path / "front.md").read_text().splitlines()[0]
+    ends = (
+        f"error of emissivity {error:.4g} at aperture {size:.4g} m" for error, size in (first, last)
+    )
+    assert answer.endswith(" to ".join(ends))
     page = tmp_path / "page.html"
     assert main(["report", "mertis", "--trials", "64", "--out", str(page), *SHORT]) == 0
     assert "error of emissivity" in page.read_text()
