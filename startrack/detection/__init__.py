@@ -43,6 +43,7 @@ from startrack.detection.box import (
 from startrack.detection.connect import Peaks
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import (
+    NEAR,
     Response,
     SpotExpectation,
     chance_kept,
@@ -74,6 +75,7 @@ from startrack.detection.within import (
     margin,
     measure_ground,
     peak_border,
+    reach,
     star_profile,
 )
 

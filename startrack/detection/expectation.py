@@ -19,6 +19,8 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import PixelGain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
+NEAR = 2  # pixel, from the place of a star to its highest pixel
+
 
 class SpotExpectation(NamedTuple):
     """Expected brightness, place and noise of stars; NaN for stars without a centroid.
@@ -128,12 +130,12 @@ def _kept(
 
 @kernel
 def _peaks(image, near):  # type: ignore[no-untyped-def]
-    """The highest pixels (n,), x and y, of the filtered image within two pixels of given places."""
+    """The highest pixels (n,), x and y, of the filtered image within NEAR of given places."""
     x, y = np.empty((2, len(near)), np.int64)
     for n in range(len(near)):
         x[n], y[n] = near[n]
-        for v in range(near[n, 1] - 2, near[n, 1] + 3):
-            for u in range(near[n, 0] - 2, near[n, 0] + 3):
+        for v in range(near[n, 1] - NEAR, near[n, 1] + NEAR + 1):
+            for u in range(near[n, 0] - NEAR, near[n, 0] + NEAR + 1):
                 if image[v, u] > image[y[n], x[n]]:
                     x[n], y[n] = u, v
     return x, y

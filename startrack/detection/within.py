@@ -8,7 +8,7 @@ from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, assign, ker
 from startrack.detection.background import between
 from startrack.detection.connect import any_above
 from startrack.detection.find import FrameBackground, choose, ground_of, ring_half
-from startrack.detection.matched import Kernel, filtered
+from startrack.detection.matched import MARGIN, Kernel, filtered
 from startrack.detection.measure import centroid
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, corrected, gain_of
@@ -59,11 +59,19 @@ def margin(plan: DetectionPlan) -> int:
 
     A hot pixel of a dark map uses its neighbours.
     """
+    beside = 1 if plan.settings.dark_map else 0
+    ring = ring_half(plan.settings, plan.kernel) + RING + plan.kernel.half
+    return max(ring, reach(plan)) + beside
+
+
+def reach(plan: DetectionPlan) -> int:
+    """Pixel: largest distance from a peak to a pixel by which `expect` finds and measures it.
+
+    Unlike the search of a frame, it reads no ring of the filtered image, and no dark map.
+    """
     settings, half = plan.settings, plan.settings.window // 2
-    ring = ring_half(settings, plan.kernel) + RING + plan.kernel.half
     read = plan.method.reads(half, settings.kernel_sigma, plan.star)
-    beside = 1 if settings.dark_map else 0
-    return max(ring, 2 * half + RING, read + RING) + beside
+    return max(2 * half + RING, read + RING, plan.kernel.half + MARGIN)
 
 
 def peak_border(settings: Detection) -> int:

@@ -305,6 +305,7 @@ def star_grid(
     sky: float,
     companions: tuple[Floats, Floats] | None = None,
     dark: Floats | None = None,
+    reach: int | None = None,
 ) -> tuple[core.Frame, Floats]:
     """Expected digital numbers of stars, each in the middle of its cell.
 
@@ -320,14 +321,17 @@ def star_grid(
                 None: no such star
     dark        (k c, side, side) electron above the dark signal of all pixels: the c places are
                 repeated k times in a row; None: zero
+    reach       pixel, from the middle of a cell to its farthest pixel in the frame: the frame has
+                the middles of the cells alone; None: whole cells
     Returns     Frame of numbers that are not rounded, and (r k c, 2) pixel, positions of the stars
     Accuracy    model: light that leaves the row of cells is lost.
     """
     count = len(place) if dark is None else len(dark)
-    size = FRAME_BYTES * len(flux) * count * side**2
-    core.require_memory(size, f"images of {len(flux) * count} stars of {side} x {side} pixels")
+    seen = side if reach is None else min(2 * reach + 1, side)
+    size = FRAME_BYTES * len(flux) * count * seen**2
+    core.require_memory(size, f"images of {len(flux) * count} stars of {seen} x {seen} pixels")
     middle = np.column_stack([np.arange(len(place)) * side, np.zeros(len(place), int)]) + side // 2
-    stars, electrons = middle + place, np.full((len(flux), side, count * side), sky)
+    stars, electrons = middle + place, np.full((len(flux), seen, count * seen), sky)
     every = [(stars, flux)]
     if companions:
         every.append((stars + companions[0], companions[1]))
@@ -335,19 +339,26 @@ def star_grid(
         image = np.zeros((side, len(place) * side))
         for weight, dx, dy in smear:
             stamp(image, psf, at[:, 0] + dx, at[:, 1] + dy, np.full(len(at), weight))
+        image = _middles(image, side, seen)
         electrons += light[:, None, None] * np.tile(image, count // len(place))
     if detector.prnu:
         shape = side, count * side
         draw = device_streams(detector)("response of a grid").standard_normal(shape)
-        electrons *= np.maximum(1 + detector.prnu * draw, 0.0)
+        electrons *= np.maximum(1 + detector.prnu * _middles(draw, side, seen), 0.0)
     if detector.crosstalk:
-        electrons = diffuse(electrons.reshape(-1, count * side), detector.crosstalk)
-        electrons = electrons.reshape(len(flux), side, -1)
+        electrons = diffuse(electrons.reshape(-1, count * seen), detector.crosstalk)
+        electrons = electrons.reshape(len(flux), seen, -1)
     electrons += detector.dark_rate * detector.exposure
     if dark is not None:
-        electrons += dark.transpose(1, 0, 2).reshape(side, count * side)
+        electrons += _middles(dark.transpose(1, 0, 2).reshape(side, count * side), side, seen)
     law = law_of(detector)
-    numbers = unrounded_numbers(expected_signal(electrons.reshape(-1, count * side), law), law)
+    numbers = unrounded_numbers(expected_signal(electrons.reshape(-1, count * seen), law), law)
     row, column = np.divmod(np.arange(len(flux) * count), count)
-    position = np.column_stack([column, row]) * side + side // 2
+    position = np.column_stack([column, row]) * seen + seen // 2
     return to_frame(numbers, detector), position + np.resize(place, position.shape)
+
+
+def _middles(strip: Floats, side: int, seen: int) -> Floats:
+    """The middle pixels (seen, n seen) of each cell of a row of cells (side, n side)."""
+    part = slice((side - seen) // 2, (side + seen) // 2)
+    return strip.reshape(side, -1, side)[part, :, part].reshape(seen, -1)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Flags, Floats, Psf, Streams
 from startrack.design import Case
-from startrack.detection import SpotExpectation, expect, margin
+from startrack.detection import NEAR, SpotExpectation, expect, margin, reach
 from startrack.detector import star_grid
 from startrack.observation import detection_plan, field_psf_of, line_of_sight
 from startrack.response.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
@@ -70,6 +70,12 @@ class ResponseGrid:
         side = 2 * (margin(detection_plan(self.case)) + longest + 2) + 1
         return within_frame(side, self.case.instrument.detector)
 
+    @property
+    def reach(self) -> int:
+        """Pixel, from the middle of a cell to the farthest pixel that is read."""
+        beside = 1 if self.case.instrument.detector.crosstalk else 0
+        return reach(detection_plan(self.case)) + NEAR + beside
+
     def expect(
         self,
         place: Floats,
@@ -82,7 +88,7 @@ class ResponseGrid:
         plan = detection_plan(self.case)
         psf, smear = with_expected_jitter(self.case.instrument, self.psf), _smear(self.case)
         frame, at = star_grid(
-            place, flux, self.side, smear, psf, detector, self.sky, companions, dark
+            place, flux, self.side, smear, psf, detector, self.sky, companions, dark, self.reach
         )
         empty = self.sky + detector.dark_rate * detector.exposure
         level = detector.offset + empty / detector.electrons_per_dn

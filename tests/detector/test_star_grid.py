@@ -102,3 +102,21 @@ def test_stars_of_one_column_share_unequal_pixels():
     np.testing.assert_array_equal(rows, np.broadcast_to(rows[0], rows.shape))
     # Of 675 pixels, a deviation is known to 2.7 %.
     assert rows[0].std() / rows[0].mean() == pytest.approx(0.05, rel=0.11)
+
+
+def test_middles_of_cells_are_those_of_whole_cells():
+    """Stars, pixels that respond differently, and dark signal are in both; the frame is smaller."""
+    place, smear = np.array([[0.3, -0.2], [0, 0.5]]), np.array([[0.5, 1.0, 0.0], [0.5, -1.0, 0.0]])
+    dark = np.arange(4.0 * SIDE**2).reshape(4, SIDE, SIDE)
+    one = Detector(**{**DETECTOR.__dict__, "prnu": 0.05})
+    whole, middles = (
+        star_grid(
+            place, np.array([1e4, 3e4]), SIDE, smear, gaussian(), one, 40.0, None, dark, reach
+        )
+        for reach in (None, 4)
+    )
+    assert middles[0].image.shape == (2 * 9, 4 * 9)
+    cells = whole[0].image.reshape(2, SIDE, 4, SIDE)[:, 3:12, :, 3:12]
+    np.testing.assert_array_equal(middles[0].image, cells.reshape(18, 36))
+    corner = np.stack(np.divmod(np.arange(8), 4)[::-1], axis=1)
+    np.testing.assert_allclose(middles[1] - 9 * corner, whole[1] - SIDE * corner - 3, atol=1e-12)
