@@ -412,9 +412,10 @@ def within_frame(side: int, detector: Detector) -> int:
     return side
 
 
-def smear_extent(instrument: Instrument) -> float:
-    """Pixel, from the middle of the smear of the boresight to its end."""
-    return _smeared(instrument)[3]
+def smear_extent(instrument: Instrument) -> tuple[float, float]:
+    """Pixel along x and y, from the middle of the smear of the boresight to its end."""
+    x, y = np.abs(_smeared(instrument)[2]).max(axis=0).tolist()
+    return x, y
 
 
 def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | None = None) -> Floats:

@@ -308,8 +308,9 @@ def unique_places(
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
     """The different places (x, y, colour) of a frame; the others are their mirror images.
 
-    With a centred lens, the errors of stars are equal in eight places of a frame. This neglects a
-    smear below a pixel, which has the same direction in all eight places.
+    With a centred lens, the errors of stars are equal in eight places of a frame if its stars are
+    not smeared, in four if they are smeared along x or y, and in two opposite ones if along another
+    line. An extent of the smear below STILL is neglected.
 
     Returns  the different places; the index (n,) of each given place among them; the matrix (n, 2,
              2) that maps displacements at the different place to displacements at the given place
@@ -320,8 +321,8 @@ def unique_places(
         mirrored(instrument.optics, instrument.camera)
         and not detector.settling
         and not detector.impulse_response
-        and star_response.smear_extent(instrument) < STILL
     )
+    smeared = [extent >= STILL for extent in star_response.smear_extent(instrument)]
     centre_x, centre_y = instrument.camera.centre
     numbers: dict[tuple[float, float, float], int] = {}
     unique, which, mirror = list[tuple[float, float, float]](), [], []
@@ -329,9 +330,12 @@ def unique_places(
         across, down = x - centre_x, y - centre_y
         matrix = np.eye(2)
         if alike:
-            matrix = np.diag([-1.0 if across < 0 else 1.0, -1.0 if down < 0 else 1.0])
-            across, down = abs(across), abs(down)
-            if down > across:
+            sign_x, sign_y = -1.0 if across < 0 else 1.0, -1.0 if down < 0 else 1.0
+            if all(smeared):
+                sign_x = sign_y = sign_y if down else sign_x
+            matrix = np.diag([sign_x, sign_y])
+            across, down = sign_x * across, sign_y * down
+            if down > across and not any(smeared):
                 across, down = down, across
                 matrix = matrix[:, ::-1]
         key = round(across, 6), round(down, 6), colour
