@@ -14,7 +14,7 @@ from startrack.cli.options import DESIGN, Exit, Option, Options, decimal, out, w
 if wanted(__name__):
     from startrack import plots
     from startrack.cli import terminal
-    from startrack.core import Streams
+    from startrack.core import Streams, arcsec
     from startrack.io import FrameFiles, pointing, write_fits
     from startrack.observation import out_of_step, random_attitude
     from startrack.scene import date_of
@@ -77,6 +77,10 @@ def command(options: argparse.Namespace) -> int:
         f"the tracker finds {record.outcome.spots} spots, matches {record.outcome.stars}: "
         f"{record.estimate.status}"
     )
+    errors = {axis: getattr(record.outcome, f"error_{axis}") / arcsec for axis in "xyz"}
+    if record.outcome.solved:
+        shown = ", ".join(f"{error:.3g}" for error in errors.values())
+        summary += f"; error {shown} arcsec about x, y, z"
     raw = draw_record(png, case, record, f"{title}\n{summary}")
     result = {
         "fits": str(fits),
@@ -88,11 +92,13 @@ def command(options: argparse.Namespace) -> int:
         "spots": record.outcome.spots,
         "matches": record.outcome.stars,
         "status": str(record.estimate.status),
+        **{f"error_{axis}_arcsec": error for axis, error in errors.items()},
     }
-    if step := out_of_step(case.instrument):
-        summary += f"\n{step}"
+    step = out_of_step(case.instrument)
     written = ", ".join(str(file) for file in (fits, *pixels, raw) if file)
-    terminal.print_result(options, result, title, summary, f"wrote {written} and {png}")
+    terminal.print_result(
+        options, result, summary, title, *filter(None, [step]), f"wrote {written} and {png}"
+    )
     return Exit.DONE
 
 

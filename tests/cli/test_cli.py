@@ -73,6 +73,9 @@ def test_simulate_then_solve(call, tmp_path):
     assert status == 0
     assert made["ra_deg"] == pytest.approx(83)
     assert made["status"] == "solved"
+    # Some arcsec about the boresight, a fraction of one across.
+    assert 0 < abs(made["error_x_arcsec"]) < 3
+    assert 0 < abs(made["error_z_arcsec"]) < 60
     assert cv2.imread(made["png"]) is not None
     status, (found,), _ = call(
         *("solve", made["fits"], "--fov", 9.5, "--json", "--overlay", tmp_path)
