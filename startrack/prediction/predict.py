@@ -16,7 +16,7 @@ from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Told, Unknown, load_design
 from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
 from startrack.prediction.learn import Learned, learn
-from startrack.prediction.surface import PredictionSurface, columns_of, fit_surface
+from startrack.prediction.surface import PredictionSurface, columns_of, fit_surface, require_draws
 
 DRAWS, UNITS = 32, 3  # draws, and units of each draw; chosen by hand: 20 s on two cores
 # Error of the logarithm that all draws share, because all see the same 32 fields of the sky. All
@@ -125,7 +125,8 @@ def predict(
     executor  executor whose workers compute the draws; None: this process
     progress  called with 1 after each draw
     watch     called with the middle draw, before the others are computed
-    Raises    Refused if nothing is unknown, or if too few draws have an attitude.
+    Raises    Refused if nothing is unknown, if the draws are too few for the unknowns, which is
+              refused before the first draw, or if too few draws have an attitude.
     Accuracy  model: as `unit_budgets` and `fit_surface`. numerical: with 32 draws, the ends of both
               intervals scatter by 2 % of the width. This was measured for errors that are products
               of powers of 6 or 12 unknowns, with a scatter of 10 %.
@@ -136,6 +137,7 @@ def predict(
             f"{path} must have an unknown value, such as f_number = {{ low = 1.2, "
             "high = 2.0 }, for a prediction with an interval; `startrack budget` gives its error"
         )
+    require_draws(draws, len(design.unknowns), len(design.unknowns))
     age = design.case.end_of_life if age is None else age
     made = draw_unknowns(path, seed, draws, units, age, changes, executor, progress, watch=watch)
     return prediction_of(made, seed, units, age, design.told, COMMON, MODEL_ERROR)

@@ -115,11 +115,7 @@ def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface
         for unknown in unknowns
     }
     scores = scores_of(unknowns, quantiles, len(some))
-    if len(some) < scores.shape[1] + 1 + SPARE:
-        raise Refused(
-            f"draws with an attitude must be {scores.shape[1] + 1 + SPARE} or more for "
-            f"{len(unknowns)} unknowns, got {len(some)}"
-        )
+    require_draws(len(some), scores.shape[1], len(unknowns))
     terms = tuple(term for term in Term if any(term in draw.terms for draw in some))
     value = np.array([[draw.terms.get(term, np.zeros(2)) for term in terms] for draw in some])
     logarithm = np.log(np.maximum(value, LEAST)).reshape(len(some), -1)
@@ -133,6 +129,18 @@ def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface
         np.hypot(scatter, common).reshape(shape),
         _of_frames(some, scores),
     )
+
+
+def require_draws(draws: int, coefficients: int, unknowns: int) -> None:
+    """Refuse draws that are too few for a fit.
+
+    coefficients  number of slopes: one of each unknown, more of a choice of several values
+    """
+    if draws < coefficients + 1 + SPARE:
+        raise Refused(
+            f"draws with an attitude must be {coefficients + 1 + SPARE} or more for "
+            f"{unknowns} unknowns, got {draws}"
+        )
 
 
 def _fit(scores: Floats, logarithm: Floats) -> tuple[Floats, Floats, Floats]:

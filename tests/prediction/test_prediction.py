@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from startrack import Refused, arcsec, load_design
+from startrack import Refused, arcsec, load_design, shipped
 from startrack.budget import Term, analytic
 from startrack.cli.predict import prediction_answer
 from startrack.design import Told, Unknown
@@ -115,6 +115,14 @@ def test_draws_without_an_attitude_are_said_and_left_out():
     assert found.reasons == (("no stars", 2),)
     with pytest.raises(Refused, match="draws with an attitude must be 7 or more for 3 unknowns"):
         fit_surface(drawn(6, product))
+
+
+def test_too_few_draws_are_refused_before_the_first_one():
+    def watch(draw):
+        raise AssertionError("a draw was computed")
+
+    with pytest.raises(Refused, match="must be 9 or more for 5 unknowns, got 8"):
+        predict(shipped("trackers/st-16.toml"), draws=8, watch=watch)
 
 
 def told(value, factor, axis="across"):
