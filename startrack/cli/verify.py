@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from startrack.cli import options as shared
 from startrack.cli.not_known import DRAWS
@@ -18,7 +19,7 @@ if wanted(__name__):
     from startrack.cli.campaign import LEDGER
     from startrack.cli.not_known import draws_of, limits_text
     from startrack.cli.units import require_units
-    from startrack.core import Advance, Rows
+    from startrack.core import Rows
     from startrack.design import Campaign, Case, Design, Fidelity
     from startrack.io import finite, save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
@@ -64,36 +65,30 @@ def command(options: argparse.Namespace) -> int:
     """Print the table of verdicts; with --out, write it."""
     path = options.campaign or terminal.example()
     design = terminal.read_design(path, options.set)
-    case, campaign, units = design.case, design.asked, options.units
+    case, campaign = design.case, design.asked
     if campaign is None:
         raise shared.WrongUse(f"{path} must have a table [campaign] with requirements")
-    fidelity = Fidelity(options.fidelity or ("window" if units else "frame"))
-    with shared.as_wrong_use():
-        looks = verification.Looks(
-            min(options.first, options.trials), options.trials, 1 - campaign.requirements.confidence
-        )
+    judge: _Units | _AsDesigned = _Units(options.units)
+    if not options.units:
+        with shared.as_wrong_use():
+            alpha = 1 - campaign.requirements.confidence
+            first = min(options.first, options.trials)
+            judge = _AsDesigned(verification.Looks(first, options.trials, alpha))
+    fidelity = Fidelity(options.fidelity or judge.fidelity)
     with shared.as_wrong_use(path=path):
         judged, _ = verification.cases(case, campaign)
         for condition in judged:
             require_fidelity(condition.case, fidelity)
-        if units:
-            require_units(case)
-    total = options.trials * len(judged)
-    if units:
-        ages = len(dict.fromkeys((0.0, case.end_of_life)))
-        total = units * verification.trials_of_a_unit(campaign) * ages * len(judged)
+        judge.check(case)
     warm(case, Sampling(fidelity))  # impossible trials are refused before the first
     with (
         Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,
-        terminal.progress("trials", total) as advance,
+        terminal.progress("trials", judge.trials(case, campaign) * len(judged)) as advance,
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
-        if units:
-            verdict = _of_units(case, campaign, units, fidelity, runner, advance)
-        else:
-            verdict = _as_designed(case, campaign, looks, fidelity, runner, advance)
-    drawn = None if units else draws_of(options, path)
+        verdict = judge.verdict(case, campaign, fidelity, runner, advance)
+    drawn = judge.draws(options, path)
     verdict = _where_unknown(verdict, design, drawn)
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
     if design.unknowns:
@@ -101,67 +96,109 @@ def command(options: argparse.Namespace) -> int:
     if drawn:
         result["draws"] = {"number": len(drawn.draws), "met": drawn.count_met()}
         result["draws"] |= {"all_met": drawn.all_met, "without_attitude": drawn.lost}
-    result |= verdict.values | {"noise_only": not units}
+    result |= verdict.values
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{verdict.table}\n```\n")
         save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
-    for reason in () if units else verdict.values["not_judged"]:
+    for reason in verdict.not_judged:
         terminal.print_message(f"not judged: {reason}")
     terminal.print_result(options, result, verdict.table)
     return Exit.DONE if verdict.answer is verification.Answer.PASS else Exit.UNSOLVED
 
 
 class _Verdict(NamedTuple):
-    """The answer, its values for JSON, and its table as text."""
+    """The answer, its values for JSON, its table as text, and why some limits are not judged."""
 
     answer: verification.Answer
     values: dict[str, Any]
     table: str
+    not_judged: Sequence[str] = ()
 
 
-def _as_designed(
-    case: Case,
-    campaign: Campaign,
-    looks: verification.Looks,
-    fidelity: Fidelity,
-    runner: TrialRunner,
-    advance: Callable[..., None],
-) -> _Verdict:
-    """The verdict on the unit as designed; `advance` as from `terminal.progress`."""
+@dataclass(frozen=True)
+class _AsDesigned:
+    """Judges the unit as designed, at numbers of trials that grow."""
 
-    def trials(case: Case, number: int) -> Rows:
-        return runner.run(case, number, fidelity, VERIFYING, advance)
+    looks: verification.Looks
 
-    verified = verification.verify(
-        case,
-        campaign,
-        trials,
-        runner.seed,
-        looks,
-        lambda name, number: advance(0, f"{name}: {number} trials"),
-    )
-    table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
-    return _Verdict(verified.answer, verification.verdict_values(verified), table)
+    fidelity: ClassVar[str] = "frame"
+
+    def check(self, case: Case) -> None:
+        """Accept any design."""
+
+    def trials(self, case: Case, campaign: Campaign) -> int:
+        """Largest number of trials of a condition."""
+        return self.looks.most
+
+    def verdict(
+        self,
+        case: Case,
+        campaign: Campaign,
+        fidelity: Fidelity,
+        runner: TrialRunner,
+        advance: Callable[..., None],
+    ) -> _Verdict:
+        """The verdict; `advance` as from `terminal.progress`."""
+
+        def trials(case: Case, number: int) -> Rows:
+            return runner.run(case, number, fidelity, VERIFYING, advance)
+
+        verified = verification.verify(
+            case,
+            campaign,
+            trials,
+            runner.seed,
+            self.looks,
+            lambda name, number: advance(0, f"{name}: {number} trials"),
+        )
+        table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
+        values = verification.verdict_values(verified) | {"noise_only": True}
+        return _Verdict(verified.answer, values, table, values["not_judged"])
+
+    def draws(self, options: argparse.Namespace, path: Path) -> DesignedDraws | None:
+        """Draws of the unknown values of a design, by formula."""
+        return draws_of(options, path)
 
 
-def _of_units(
-    case: Case,
-    campaign: Campaign,
-    units: int,
-    fidelity: Fidelity,
-    runner: TrialRunner,
-    advance: Advance,
-) -> _Verdict:
-    """The verdict on a number of units, at the begin and the end of life."""
+@dataclass(frozen=True)
+class _Units:
+    """Judges a number of units, at the begin and the end of life."""
 
-    def trials(case: Case, how: Units) -> Rows:
-        first, number = VERIFYING_UNIT * how.trials, units * how.trials
-        return runner.run(case, number, fidelity, first, advance, how)
+    count: int
 
-    verified = verification.verify_units(case, campaign, trials, units, runner.seed)
-    table = verification.unit_text(verified)
-    return _Verdict(verified.answer, verification.unit_values(verified), table)
+    fidelity: ClassVar[str] = "window"
+
+    def check(self, case: Case) -> None:
+        """Refuse a design whose units do not differ."""
+        require_units(case)
+
+    def trials(self, case: Case, campaign: Campaign) -> int:
+        """Number of trials of a condition."""
+        ages = len(dict.fromkeys((0.0, case.end_of_life)))
+        return self.count * verification.trials_of_a_unit(campaign) * ages
+
+    def verdict(
+        self,
+        case: Case,
+        campaign: Campaign,
+        fidelity: Fidelity,
+        runner: TrialRunner,
+        advance: Callable[..., None],
+    ) -> _Verdict:
+        """The verdict; `advance` as from `terminal.progress`."""
+
+        def trials(case: Case, how: Units) -> Rows:
+            first, number = VERIFYING_UNIT * how.trials, self.count * how.trials
+            return runner.run(case, number, fidelity, first, advance, how)
+
+        verified = verification.verify_units(case, campaign, trials, self.count, runner.seed)
+        values = verification.unit_values(verified) | {"noise_only": False}
+        return _Verdict(verified.answer, values, verification.unit_text(verified))
+
+    def draws(self, options: argparse.Namespace, path: Path) -> DesignedDraws | None:
+        """No draws: units are judged for the medians of unknown values."""
+        return None
 
 
 def _where_unknown(verdict: _Verdict, design: Design, drawn: DesignedDraws | None) -> _Verdict:
@@ -182,4 +219,5 @@ def _where_unknown(verdict: _Verdict, design: Design, drawn: DesignedDraws | Non
         f"verdict: NOT SHOWN: unknown: {names}; the answers below are for the medians of their "
         f"laws{conditions}{by_formula}; startrack predict gives the interval\n{rest}"
     )
-    return _Verdict(not_shown, verdict.values | {"verdict": not_shown.value}, table)
+    values = verdict.values | {"verdict": not_shown.value}
+    return verdict._replace(answer=not_shown, values=values, table=table)
