@@ -153,7 +153,8 @@ class _AsDesigned:
             lambda name, number: advance(0, f"{name}: {number} trials"),
         )
         table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
-        values = verification.verdict_values(verified) | {"noise_only": True}
+        values: dict[str, Any] = verification.verdict_values(verified)
+        values |= {"noise_only": True}
         return _Verdict(verified.answer, values, table, values["not_judged"])
 
     def draws(self, options: argparse.Namespace, path: Path) -> DesignedDraws | None:
