@@ -265,15 +265,25 @@ def fitted(sample: Sample, model: Model) -> Floats:
     table = np.full((count, COLUMNS), np.nan)
     for i in range(count):
         table[i, WINDOW_X], table[i, WINDOW_Y] = sample.x[i], sample.y[i]
-    waiting = np.ones(count, np.bool_)
+    guess, waiting = _first_guess(model), np.ones(count, np.bool_)
     for i in range(count):
         if not waiting[i]:
             continue
         group = _touching(sample, model, i, waiting)
-        if not _fit(sample, model, group, table) and len(group) > 1:
+        if not _fit(sample, model, group, guess, table) and len(group) > 1:
             for k in range(len(group)):
-                _fit(sample, model, group[k : k + 1], table)
+                _fit(sample, model, group[k : k + 1], guess, table)
     return table
+
+
+@kernel
+def _first_guess(model: Model) -> Floats:
+    """A star in the middle of its window, as `_render_model` writes it: the first guess of all."""
+    per_star = 4 if model.width > 0 else 3
+    star = np.empty((1, per_star, 2 * model.half_y + 1, 2 * model.half_x + 1))
+    value = np.array([float(model.half_x), float(model.half_y), model.width])
+    _render_model(model, value, 0, 0, star)
+    return star
 
 
 @kernel
@@ -297,8 +307,11 @@ def _touching(sample: Sample, model: Model, first: int, waiting: Flags) -> Ints:
 
 
 @kernel
-def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
-    """Write the fit of a group of stars into their rows; False if it diverges."""
+def _fit(sample: Sample, model: Model, group: Ints, guess: Floats, table: Floats) -> bool:
+    """Write the fit of a group of stars into their rows; False if it diverges.
+
+    guess  from `_first_guess`
+    """
     x, y = np.empty(len(group), np.int64), np.empty(len(group), np.int64)
     for k in range(len(group)):
         x[k], y[k] = sample.x[group[k]], sample.y[group[k]]
@@ -320,7 +333,10 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
             value[k * per_star + 2] = model.width
     star = np.empty((len(group), per_star, data.shape[0], data.shape[1]))
     matrix, step = np.empty((size, size)), np.empty(size)
-    _render_model(model, value, left, top, star)
+    if star.shape == guess.shape:  # one star, whose window is whole
+        star[:] = guess
+    else:
+        _render_model(model, value, left, top, star)
     brightness(data, star, value)
     for _ in range(ROUNDS):
         for k in range(len(group)):
