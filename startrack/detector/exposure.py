@@ -342,9 +342,7 @@ def star_grid(
         image = _middles(image, side, seen)
         electrons += light[:, None, None] * np.tile(image, count // len(place))
     if detector.prnu:
-        shape = side, count * side
-        draw = device_streams(detector)("response of a grid").standard_normal(shape)
-        electrons *= np.maximum(1 + detector.prnu * _middles(draw, side, seen), 0.0)
+        electrons *= _response_of_grid(detector, side, count, seen)
     if detector.crosstalk:
         electrons = diffuse(electrons.reshape(-1, count * seen), detector.crosstalk)
         electrons = electrons.reshape(len(flux), seen, -1)
@@ -356,6 +354,13 @@ def star_grid(
     row, column = np.divmod(np.arange(len(flux) * count), count)
     position = np.column_stack([column, row]) * seen + seen // 2
     return to_frame(numbers, detector), position + np.resize(place, position.shape)
+
+
+@kept(2)
+def _response_of_grid(detector: Detector, side: int, count: int, seen: int) -> Floats:
+    """Relative response of the pixels of a row of cells; kept for the last 2 grids."""
+    draw = device_streams(detector)("response of a grid").standard_normal((side, count * side))
+    return np.maximum(1 + detector.prnu * _middles(draw, side, seen), 0.0)
 
 
 def _middles(strip: Floats, side: int, seen: int) -> Floats:

@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from startrack.core.values import Psf
-from startrack.detector import Detector
+from startrack.detector import Detector, exposure
 from startrack.detector.exposure import star_grid
 
 SIDE, ACROSS, SIGMA = 15, 3, 0.8
@@ -120,3 +120,12 @@ def test_middles_of_cells_are_those_of_whole_cells():
     np.testing.assert_array_equal(middles[0].image, cells.reshape(18, 36))
     corner = np.stack(np.divmod(np.arange(8), 4)[::-1], axis=1)
     np.testing.assert_allclose(middles[1] - 9 * corner, whole[1] - SIDE * corner - 3, atol=1e-12)
+
+
+def test_grids_of_one_detector_share_the_response_of_their_pixels(monkeypatch):
+    """Its numbers are drawn once for images of all shapes."""
+    streams, drawn = exposure.device_streams, []
+    monkeypatch.setattr(exposure, "device_streams", lambda one: drawn.append(1) or streams(one))
+    for flux in ([1e3], [1e4], [1e3, 1e5]):
+        electrons(MIDDLE, flux, sky=7e3, prnu=0.031)
+    assert len(drawn) == 1
