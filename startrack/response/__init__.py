@@ -55,6 +55,7 @@ from startrack.response.zones import (
     centroid_shift,
     focal_stretch,
     residual_shift,
+    unique_places,
     zone_detection,
     zone_errors,
     zones_of,

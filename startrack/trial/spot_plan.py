@@ -37,6 +37,7 @@ from startrack.response import (
     knowledge_of,
     response_of,
     response_of_zones,
+    unique_places,
     with_uniform_dark,
     zones_of,
 )
@@ -234,7 +235,8 @@ def limits_of(case: Case) -> FluxLimits:
     shapes = [psf_of(instrument)]
     if instrument.optics.tabulated:
         images = field_psf_of(instrument)
-        shapes += [images.image(*zone)[0] for zone in zones_of(case).middles]
+        unique, _, _ = unique_places(case, zones_of(case).middles)
+        shapes += [images.image(*place)[0] for place in unique]
     peak = max(float(star_profile(zone, detection.kernel)[0]) for zone in shapes)
     faintest = max(threshold - FAINTEST, LEAST) * noise / peak
     # At least one star, so that arrays are not empty.

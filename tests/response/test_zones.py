@@ -20,7 +20,7 @@ from startrack.optics import save_lens
 from startrack.response import residual_shift, zones_of
 from startrack.response.spot_response import ResponseGrid, _mirrored, response_of
 from startrack.response.zones import focal_stretch, unique_places
-from startrack.trial import run_trials
+from startrack.trial import run_trials, spot_plan
 from tests.optics.lenses import ideal
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -118,6 +118,16 @@ def test_smeared_stars_in_mirrored_places_are_measured_alike(fast):
         derived.covariance_root, direct.covariance_root, rtol=0, atol=0.02 * largest
     )
     np.testing.assert_allclose(derived.threshold_margin, direct.threshold_margin, rtol=0.03)
+
+
+def test_mirrored_places_do_not_limit_the_stars_of_a_plan_again(monkeypatch, fast):
+    """The filter is applied to the mean image, and to 6 of 25 places in each of three colours."""
+    profile, filtered = spot_plan.star_profile, []
+    monkeypatch.setattr(
+        spot_plan, "star_profile", lambda psf, kernel: filtered.append(1) or profile(psf, kernel)
+    )
+    spot_plan.limits_of(behind(fast, 300))
+    assert len(filtered) == 1 + 3 * 6
 
 
 def test_a_focal_length_by_colour_takes_off_a_lateral_colour_that_grows_with_the_field(fast):
