@@ -299,12 +299,11 @@ def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int,
     column, row = (size / 2 + np.eye(3)[k] for k, size in ((1, file.width), (2, file.height)))
     x, y = own.a * column + own.b * row + own.c, own.d * column + own.e * row + own.f
     longitude, latitude = rasterio.warp.transform(file.crs, GEOGRAPHIC, x, y)
-    narrow = math.cos(math.radians(latitude[0]))
-    east, north = (np.array(part[1:]) - part[0] for part in (longitude, latitude))
-    size = math.sqrt(abs(east[0] * north[1] - east[1] * north[0]) * narrow)
-    if narrow < NEAR_POLE or not size > 0:
+    # Along each axis: steps of a column and of a row, which may be rotated.
+    across, down = (math.hypot(*(np.array(part[1:]) - part[0])) for part in (longitude, latitude))
+    near_pole = math.cos(math.radians(latitude[0])) < NEAR_POLE
+    if near_pole or not (across > 0 and down > 0):
         return warped, columns, rows
-    across, down = size / narrow, size
     transform = rasterio.Affine(across, 0, warped.c, 0, -down, warped.f)
     return transform, math.ceil(columns * warped.a / across), math.ceil(-rows * warped.e / down)
 

@@ -274,6 +274,20 @@ def test_another_projection_keeps_its_pixels(tmp_path):
     assert np.nanstd(raster.read(grid)) > 15  # 0 on a grid of GDAL's choice would be half of it
 
 
+def test_oblong_pixels_of_a_projection_are_not_smoothed(tmp_path):
+    """A plane in UTM of pixels of 90 by 30 m, read in steps of 60 m: bilinear interpolation
+    reproduces it."""
+    easting = 90.0 * (np.arange(100) + 0.5)
+    heights = np.repeat((easting / 10).astype(np.float32)[None], 300, 0)
+    transform = rasterio.Affine(90, 0, 500000, 0, -30, 5240000)
+    raster = Raster(write(tmp_path / "oblong.tif", heights, crs="EPSG:32632", transform=transform))
+    radius = 0.9996 * 6389.7e3 * np.cos(np.radians(47.28))  # k0 times that of the parallel
+    step = 60 / radius
+    grid = type(GRID)(np.radians(9) + 10 * step, np.radians(47.28), step, 4e-6, 40, 2)
+    expected = 0.1 * radius * step * np.arange(10, 50)
+    assert raster.read(grid)[0] == pytest.approx(expected, abs=0.02)
+
+
 def test_files_that_cannot_serve(tmp_path):
     with pytest.raises(OSError, match=r"none.tif must be a raster file"):
         Raster(tmp_path / "none.tif")
