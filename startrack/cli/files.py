@@ -142,6 +142,11 @@ def found_file(
     if names:
         close_names = ", ".join(names)
         raise ValueError(f"{path} must be {kind}, but there is none; shipped are {close_names}")
+    if path.name == stem and shipped("detectors").joinpath(f"{stem}.toml").is_file():
+        raise ValueError(
+            f"{path} must be {kind}, but it is a detector: startrack init FILE --from {stem} makes "
+            "a design with it"
+        )
     return path
 
 

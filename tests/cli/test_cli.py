@@ -205,6 +205,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["requirements", "hsrs", "--set", "a=1"], "a must be a parameter of the design, but a is"),
         (["requirements", "goals", "--set", "a=1"], "--set must be left out for a file of goals"),
         (["requirements", "waos"], "there is none; shipped are scenes/waoss.toml"),
+        (["budget", "imx250"], "but it is a detector: startrack init FILE --from imx250 makes"),
         (["montecarlo", "none.toml"], "none.toml must be a design file"),
         (["montecarlo", "--precision", "0"], "--precision: must be a number from 1e-06 to 1"),
         (["montecarlo", "--statistic", "mean"], "--statistic: invalid choice: 'mean'"),
