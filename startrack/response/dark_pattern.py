@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-import scipy
 from scipy.special import ndtr
 
 from startrack import detection
@@ -202,7 +202,8 @@ def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Fl
     excess = np.zeros((detector.rows, detector.columns))
     excess.ravel()[pattern.outlying] = pattern.excess
     inside = (slice(half, detector.rows - half), slice(half, detector.columns - half))
-    near = scipy.ndimage.maximum_filter(np.abs(excess), side)[inside] > 0
+    window = np.ones((side, side), np.uint8)
+    near = cv2.dilate((excess != 0).astype(np.uint8), window)[inside] > 0
     random = Streams(0, 0)("windows with hot pixels")
     chosen = random.choice(np.flatnonzero(near), samples)
     row, column = np.divmod(chosen, near.shape[1])
