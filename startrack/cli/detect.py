@@ -15,12 +15,16 @@ if wanted(__name__):
 
     from startrack import detection, plots
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
-    from startrack.core import Psf, Spots
+    from startrack.core import Psf, Refused, Spots
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
 
 MANY = 0.01  # fraction fraction of the pixels; saturated stars cover far less
 LEAST_RANGE = 255  # digital number, largest number of 8 bits
+NAMES = {
+    "false_per_frame": "--false",
+    "kernel_sigma": "--sigma",
+}  # options of other names than keys
 
 declare = Options(
     "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) and "
@@ -113,7 +117,11 @@ def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | N
         "kernel_sigma": options.sigma,
         "centroid": options.centroid,
     }
-    return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
+    try:
+        return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
+    except Refused as error:
+        key = NAMES.get(error.key, f"--{error.key}")
+        raise WrongUse(str(error).replace(error.key, key, 1) if error.key else str(error)) from None
 
 
 def _table(spots: Spots) -> Table:

@@ -315,6 +315,7 @@ def solve_for_margin(options: argparse.Namespace, problem: Problem) -> int:
             options.log,
             options.trials,
             advance,
+            lambda value: advance(0, f"trials at {value}"),
         )
     return solve_for.write_solution(options, solution, options.design)
 

@@ -17,7 +17,7 @@ if wanted(__name__):
     from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import Refused, arcsec, deg, um
-    from startrack.design import COSTS, Campaign, Case, Requirements
+    from startrack.design import COSTS, Campaign, Case, Requirements, bounds_of, branches
     from startrack.earth import imager
     from startrack.earth.retrieval import EarthProblem, load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
@@ -60,6 +60,9 @@ def command(options: argparse.Namespace) -> int:
     campaign = design.asked
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
+    with as_wrong_use(path=path):
+        for branch in branches(design.case, campaign.choices):
+            bounds_of(branch.case, campaign.variables)
     needs, show = campaign.requirements, sections(options)
     costs = {
         "mass_kg": needs.mass(design.case),
@@ -152,6 +155,7 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
 def _study(options: argparse.Namespace, problem: Problem) -> Exit:
     """Print the objective of a scene or a search and the margins of its limits, by formula."""
     words, refused = problem.text(), ""
+    _ = problem.variables  # refuses bounds of a wrong unit or order
     try:
         expected = problem.expect()
     except Refused as reason:  # costs, and figures of channels, do not need the formula

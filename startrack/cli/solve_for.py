@@ -70,6 +70,7 @@ def command(options: argparse.Namespace) -> int:
             fidelity=Fidelity(options.fidelity) if options.fidelity else None,
             runner=runner,
             progress=advance,
+            watch=lambda value: advance(0, f"trials at {value}"),
         )
     return write_solution(options, solution, path)
 

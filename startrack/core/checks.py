@@ -80,8 +80,9 @@ def shown(value: object) -> str:
 
 
 def of_file(message: str, file: object) -> str:
-    """A message with the name of its file before it, once."""
-    return message if message.startswith((f"{file} ", f"{file}:")) else f"{file}: {message}"
+    """A message with the name of its file before it, once, unless it begins with an option."""
+    named = message.startswith((f"{file} ", f"{file}:", "--"))
+    return message if named else f"{file}: {message}"
 
 
 def refusal(key: str, rule: str, value: object, kind: type[Refused] = Refused) -> Refused:

@@ -159,9 +159,12 @@ def with_changes(case: T, changes: Sequence[str]) -> T:
     for change in changes:
         key, equals, text = change.partition("=")
         if not equals:
-            raise Refused(f"a change must be KEY=VALUE, got {change!r}")
+            raise Refused(f"--set must be KEY=VALUE, got {change!r}")
         values[key.strip()] = _number_or_text(text.strip())
-    return with_values(case, values) if values else case
+    try:
+        return with_values(case, values) if values else case
+    except Refused as error:
+        raise error.within("--set") from None
 
 
 def _number_or_text(text: str) -> float | str:

@@ -76,12 +76,25 @@ def followed(case: Any, values: Mapping[str, float], links: Sequence[Link]) -> d
     return changed
 
 
+def _range_of(case: Any, variable: Variable) -> tuple[float, float]:
+    """The bounds (SI) of a variable. Raises Refused for a wrong unit or order."""
+    low, high = (quantity(case, variable.name, end) for end in (variable.low, variable.high))
+    if not low < high:
+        raise Refused(
+            f"{variable.name}: low must be below high, got {variable.low} and {variable.high}"
+        )
+    return low, high
+
+
 def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
-    """The variables of any design, with their ranges and values in SI."""
+    """The variables of any design, with their ranges and values in SI.
+
+    Raises  Refused if a name is not a number of the design, or a bound has a wrong unit or order.
+    """
     found = []
     for variable in variables:
         name, start = variable.name, number(case, variable.name)
-        low, high = (quantity(case, name, end) for end in (variable.low, variable.high))
+        low, high = _range_of(case, variable)
         unit = unit_at(case, name)
         shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
         whole = type(find(case, name)) is int
@@ -143,10 +156,6 @@ class DesignSpace:
             self._replaced(corner)  # refuses bounds that the parameters refuse
 
     def _check(self, variable: Variable, low: float, high: float) -> None:
-        if not low < high:
-            raise Refused(
-                f"{variable.name}: low must be below high, got {variable.low} and {variable.high}"
-            )
         if variable.scale == "log" and low <= 0:
             raise Refused(f"{variable.name}: low must be positive for a log scale")
         part = variable.name.split(".")
@@ -257,10 +266,7 @@ class DesignSpace:
 
     @cached_property
     def _bounds(self) -> list[tuple[float, float]]:
-        return [
-            (quantity(self.case, v.name, v.low), quantity(self.case, v.name, v.high))
-            for v in self.variables
-        ]
+        return [_range_of(self.case, variable) for variable in self.variables]
 
 
 MOST_BRANCHES = 256

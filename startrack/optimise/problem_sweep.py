@@ -13,7 +13,7 @@ from startrack.core import Advance, Refused, printed
 from startrack.metrics import Column, DisplayUnit, Interval, Table, four_digits
 from startrack.optimise.figures import Figure, middle
 from startrack.optimise.problem_source import ProblemSource
-from startrack.optimise.solve_for import KeyLine, Solution
+from startrack.optimise.solve_for import KeyLine, Solution, Watch
 from startrack.optimise.sweep import MOST_DESIGNS, POINTS, SweptKey
 from startrack.problem import Margin, Problem, Words
 
@@ -213,6 +213,7 @@ def solve_problem_for(
     log: bool = False,
     trials: int = 1000,
     progress: Advance | None = None,
+    watch: Watch | None = None,
 ) -> Solution:
     """The values of a key at which a margin of a problem is zero, as `solve_for`.
 
@@ -266,6 +267,7 @@ def solve_problem_for(
         expected=lambda number: _scaled(expected_at(number)),
         tried=tried_at if by_trials else None,
         known=[(number, _scaled(value)) for number, value in margins.items()],
+        watch=watch,
     )
     how = f"formula, corrected by {trials} trials, seed {source.seed}" if by_trials else "formula"
     crossings = line.crossings()

@@ -46,6 +46,7 @@ LIMITS = {
     "stars in the sky": "min_stars",
 }
 ERRORS = "across", "about"
+Watch = Callable[[str], object]
 
 
 class LimitCrossing(NamedTuple):
@@ -192,6 +193,7 @@ class KeyLine:
               a shift. Raises Refused if the design refuses the number
     tried     function: number -> margin by trials, with its interval; None without trials
     known     examined numbers, and the margins there on this scale, in order
+    watch     called with each value that is tried, with its unit, before its trials
     """
 
     key: SweptKey
@@ -199,6 +201,7 @@ class KeyLine:
     expected: Callable[[float], float]
     tried: Callable[[float], Interval] | None
     known: list[tuple[float, float]]
+    watch: Watch | None = None
 
     def crossings(self) -> tuple[LimitCrossing, ...]:
         """Values at which the margin is zero."""
@@ -215,6 +218,8 @@ class KeyLine:
             return LimitCrossing(self._kept(number, above), formula, above, tried=False)
         shifts = [0.0] * 3
         for _ in range(STEPS):
+            if self.watch:
+                self.watch(f"{four_digits(number)} {self.key.unit}".strip())
             found = self.tried(number)
             seen = [found.value, found.low, found.high]
             expected = self.expected(number)
@@ -269,6 +274,7 @@ def solve_for(
     fidelity: Fidelity | None = None,
     runner: TrialRunner | None = None,
     progress: Advance | None = None,
+    watch: Watch | None = None,
 ) -> Solution:
     """The values of a key at which a design just meets a limit: where a margin is zero.
 
@@ -290,7 +296,8 @@ def solve_for(
     trials    at each value; 0: the formula alone
     fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
-    progress  called with the number of designs that were just done
+    progress  called with the number of designs that were just done by formula
+    watch     called with each value that is tried, with its unit, before its trials
     Raises    Refused if the key or the limit is invalid, or the design refuses every value.
     Accuracy  numerical: 1e-4 of the value by formula. Two roots between two neighbouring points are
               not found. statistical: the interval, with the slope of the formula.
@@ -324,6 +331,7 @@ def solve_for(
         along.by_formula,
         along.by_trials if decided else None,
         [(number, scaled(margin, value)) for number, value in margins.items()],
+        watch,
     )
     how = "formula"
     if decided:

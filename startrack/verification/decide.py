@@ -229,6 +229,8 @@ class Claim:
             low, high = mean_bounds(finite, failing / 2, passing / 3)
             # The width of bounds is inversely proportional to the root of the number.
             beyond = ((high if mean < limit else low) - mean) / (limit - mean)
+            if not math.isfinite(beyond):  # two errors have no upper bound
+                return None
             enough = max(FEWEST, math.ceil(len(finite) * beyond**2))
         return None if enough is None or enough * more > MOST else math.ceil(enough * more)
 

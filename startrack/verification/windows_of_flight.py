@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
@@ -305,18 +305,25 @@ def _times(stamps: Floats, detector: Detector) -> Floats:
             "time stamps must be in all frames or in none, got none in frame "
             f"{int(np.argmin(finite)) + 1}"
         )
-    _require_rising("frames", stamps)
+    _require_rising("frames", stamps, _date)
     return stamps - stamps[0]
 
 
-def _require_rising(name: str, time: Floats) -> None:
+def _date(second: float) -> str:
+    """Date of a time stamp, second since 2000."""
+    return str(np.datetime64("2000-01-01", "us") + np.timedelta64(round(1e6 * second), "us"))
+
+
+def _require_rising(
+    name: str, time: Floats, text: Callable[[float], str] = "{:.6f} s".format
+) -> None:
     """Refuse times that do not rise from image to image."""
     back = np.flatnonzero(~(np.diff(time) > 0))
     if len(back):
         at = int(back[0])
         raise Refused(
-            f"time of {name} must rise, got {time[at + 1]:.6f} s of number {at + 2} after "
-            f"{time[at]:.6f} s"
+            f"time of {name} must rise, got {text(time[at + 1])} of number {at + 2} after "
+            f"{text(time[at])}"
         )
 
 

@@ -27,6 +27,7 @@ from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 
 EXAMPLE = shipped("designs/noise_only.toml")
+LOW = "campaign.variables.0.low"
 PARTS = ("earth geometry", "earth render", "earth process", "earth terrain")
 
 
@@ -202,7 +203,15 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["budget", "--window", "0"], "--window: must be positive, got '0'"),
         (["budget", "--set", "scene"], "--set must be KEY=VALUE"),
         (["detect", EXAMPLE, "--set", "scene.background_g=1"], "--set must be given with --design"),
-        (["requirements", "hsrs", "--set", "a=1"], "a must be a parameter of the design, but a is"),
+        (["requirements", "hsrs", "--set", "a=1"], "requirements: --set: a must be a param"),
+        (
+            ["requirements", "noise_only", "--set", f"{LOW}='9 m'"],
+            "low must be below high, got 9 m",
+        ),
+        (
+            ["requirements", "hsrs", "--set", f"{LOW}=9"],
+            "f_number: low must be below high, got 9.0",
+        ),
         (["requirements", "goals", "--set", "a=1"], "--set must be left out for a file of goals"),
         (["requirements", "waos"], "there is none; shipped are scenes/waoss.toml"),
         (["budget", "imx250"], "but it is a detector: startrack init FILE --from imx250 makes"),

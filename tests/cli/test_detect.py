@@ -88,6 +88,8 @@ def test_settings_of_a_design(image, capsys):
 def test_wrong_images_and_settings_have_a_message(image, tmp_path, capsys):
     assert main(["detect", str(image), "--centroid", "best"]) == 2
     assert "centroid must be one of" in capsys.readouterr().err
+    assert main(["detect", str(image), "--sigma", "0"]) == 2
+    assert "--sigma must lie in [0.3, 10], got 0.0" in capsys.readouterr().err
     assert main(["detect", str(tmp_path / "none.png"), str(image), "--json"]) == 1
     first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
     assert (first["status"], second["status"]) == ("failed", "done")

@@ -97,7 +97,11 @@ def test_a_limit_is_just_kept_where_trials_say_so():
     [crossing] = by_formula.crossings
     assert crossing.value == pytest.approx(2, rel=1e-3)
     assert crossing.above
-    [crossing] = solve_problem_for(load, "aperture=1..4", "sharp", source(), 7).crossings
+    tried = []
+    found = solve_problem_for(load, "aperture=1..4", "sharp", source(), 7, watch=tried.append)
+    [crossing] = found.crossings
+    assert tried[0] == "2"
+    assert float(tried[-1]) == pytest.approx(2 * TRUE, rel=0.01)
     assert crossing.value.low < 2 * TRUE < crossing.value.high
     assert crossing.value.value == pytest.approx(2 * TRUE, rel=0.01)
     [crossing] = solve_problem_for(load, "aperture=1..4", "mass", source(), 7).crossings

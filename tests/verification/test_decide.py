@@ -95,6 +95,12 @@ def test_the_number_that_would_do_does():
     assert shown[4.0] > 30
 
 
+def test_two_errors_tell_no_number_that_would_do():
+    claim = Claim(Accuracy(Objective("across"), 1.1), 0.0, EVERYTHING)
+    errors = normal(np.random.default_rng(1), 2)
+    assert claim.needed(errors, NOWHERE, *Looks(2, 2).tails(1)) is None
+
+
 def test_too_few_trials_show_no_high_level():
     """ln(0.05) / ln(0.9973) is 1108: Wilks' number without a failure."""
     claim = Claim(Accuracy(Objective("across", 0.9973), 9.0), 0.0, EVERYTHING)

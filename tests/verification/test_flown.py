@@ -231,7 +231,7 @@ def test_frames_of_files_have_their_times(tmp_path):
         star = windows_of_frames(read, case)[0]
         np.testing.assert_allclose(star.time, expected, atol=2e-6)
     stamped = [replace(frame, time=2.0 * k) for k, frame in enumerate(read)]
-    with pytest.raises(ValueError, match=r"must rise, got 6\.000000 s of number 4 after 8\.0"):
+    with pytest.raises(ValueError, match=r"got 2000-01-01T00:00:06\.0+ of number 4 after 2000-"):
         windows_of_frames([*stamped[:2], *stamped[4:2:-1], *stamped[5:]], case)
     with pytest.raises(ValueError, match="in all frames or in none, got none in frame 34"):
         windows_of_frames([*stamped[:33], replace(stamped[33], time=np.nan)], case)
