@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
-    from startrack.budget import Budget, ErrorLaw, caveats, refusal
+    from startrack.budget import caveats, refusal
     from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import Refused, arcsec, deg, um
@@ -21,7 +20,7 @@ if wanted(__name__):
     from startrack.earth import imager
     from startrack.earth.retrieval import EarthProblem, load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
-    from startrack.optimise import expect, expected_objective
+    from startrack.optimise import ExpectedDesign, expect, expected_objective
     from startrack.problem import Expectation, Problem
     from startrack.verification import cost_margins, limited, needed_magnitude
 
@@ -73,7 +72,8 @@ def command(options: argparse.Namespace) -> int:
     }
     show(_costs_answer(design.case, needs))
     with stage("error budget"):
-        budget, margins, error = recalled(_expected)(design.case, campaign)
+        expected, error = recalled(_expected)(design.case, campaign)
+    budget, margins = expected.budget, expected.margins
     objective = campaign.goal_of(design.case)
     kept = sum(map(_met, margins.values()))
     met = kept == len(margins)
@@ -85,10 +85,14 @@ def command(options: argparse.Namespace) -> int:
         for limit in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
-    show(f"{objective}: {error:.3f} arcsec, by formula; {kept} of {len(margins)} requirements met")
+    result |= {"refused": expected.refused}
+    value = f"{error:.3f} arcsec, by formula" if math.isfinite(error) else "no forecast"
+    show(f"{objective}: {value}; {kept} of {len(margins)} requirements met")
     for sentence in refusal(design.case, budget.refused):
         show(sentence)
-    show("\n".join(aligned([HEADING, *_rows(design.case, needs, margins)], (0, 4))))
+    for condition, reason in expected.refused.items():
+        show(f"no forecast in the condition {condition}: {reason}")
+    show("\n".join(aligned([HEADING, *_rows(design.case, needs, expected)], (0, 4))))
     lines = [
         *(
             f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
@@ -105,12 +109,9 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def _expected(
-    case: Case, campaign: Campaign
-) -> tuple[Budget[ErrorLaw], Mapping[str, float], float]:
+def _expected(case: Case, campaign: Campaign) -> tuple[ExpectedDesign, float]:
     """Budget and margins by the formula, and the error that the campaign names, arcsec."""
-    budget, margins, _ = expect(case, campaign)
-    return budget, margins, expected_objective(case, campaign) / arcsec
+    return expect(case, campaign), expected_objective(case, campaign) / arcsec
 
 
 def _met(margin: float) -> bool:
@@ -134,13 +135,14 @@ def _costs_answer(case: Case, needs: Requirements) -> str:
     return f"{kept} of {len(margins)} limits on costs met: {', '.join(texts)}; errors follow"
 
 
-def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list[list[str]]:
+def _rows(case: Case, needs: Requirements, expected: ExpectedDesign) -> list[list[str]]:
     """A row for each requirement: name, value, limit, margin and verdict."""
     needed = needed_magnitude(case, needs.min_stars, needs.sky_fraction)
-    rows = [
-        [name, *limited(needs, name, margin, needed), f"{margin:+.3f}", _verdict(margin)]
-        for name, margin in margins.items()
-    ]
+    margins, rows = expected.margins, list[list[str]]()
+    for name, margin in margins.items():
+        value, limit = expected.value_and_limit(needs, name, needed)
+        shown = "" if value == "no forecast" else f"{margin:+.3f}"
+        rows.append([name, value, limit, shown, _verdict(margin)])
     rows += [
         [name, f"{cost:.4g} {unit.removesuffix('1')}".strip(), "no limit", "", ""]
         for name, unit in COSTS.items()

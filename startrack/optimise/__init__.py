@@ -63,6 +63,7 @@ from startrack.optimise.evaluate import (
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.figures import DesignFigures, Figure, middle
 from startrack.optimise.forecast import (
+    ExpectedDesign,
     Forecast,
     expect,
     expected_objective,
@@ -129,6 +130,7 @@ from startrack.optimise.what_matters import (
 __all__ = [
     "Algorithm",
     "Ensembles",
+    "ExpectedDesign",
     "Forecast",
     "Foresight",
     "FrontGoals",

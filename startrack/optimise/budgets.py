@@ -40,9 +40,16 @@ def budgets_of_units(
 ) -> UnitBudgets | None:
     """Analytic budgets of some units; None if one has no attitude; cached for 16 cases."""
     try:
-        return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
+        return required_units(case, seed, age, first, count, environments)
     except Refused:
         return None
+
+
+def required_units(
+    case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
+) -> UnitBudgets:
+    """Analytic budgets of some units; Refused if one has no attitude."""
+    return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
 
 
 def without_units(case: Case) -> Case:

@@ -64,7 +64,7 @@ def by_formula(asked: tuple[Case, Campaign], seed: int) -> DesignFigures:
     """
     case, campaign = asked
     try:
-        budget, margins, errors = expect(case, campaign, seed)
+        budget, margins, errors, *_ = expect(case, campaign, seed)
     except Refused as reason:
         margins = verification.margins(campaign.requirements, case)
         for condition in campaign.judged(case):

@@ -8,14 +8,14 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from startrack.budget import Budget, ErrorLaw, UnitBudgets, joined
-from startrack.core import Rows
+from startrack.core import Refused, Rows
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
 from startrack.optimise.budgets import budget_of, budget_or_none, without_units
 from startrack.optimise.limit import MOST_MISSED
 from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
-from startrack.verification import expected_margins, expected_of, expected_over, margin
+from startrack.verification import expected_margins, expected_of, expected_over, limited, margin
 from startrack.verification import margins as margins_of
 
 Value = TypeVar("Value")
@@ -160,11 +160,27 @@ class ExpectedDesign(NamedTuple):
     margins  margins of all requirements, in all conditions
     shown    radian, rms errors across and about the boresight: over units if the design is judged
              over units, otherwise those of the budget
+    refused  conditions without a forecast, and the reason
+    missing  names of their margins, whose values are those of `blind`
     """
 
     budget: Budget[ErrorLaw]
     margins: dict[str, float]
     shown: dict[str, float]
+    refused: dict[str, str]
+    missing: list[str]
+
+    def value_and_limit(self, needs: Requirements, name: str, needed: float) -> tuple[str, str]:
+        """Value and limit of a margin as texts, as `limited`.
+
+        A margin without a forecast has no value; one that is cut off at -MOST_MISSED has a least
+        value.
+        """
+        value, limit = limited(needs, name, self.margins[name], needed)
+        if name in self.missing:
+            return "no forecast", limit
+        cut_off = value and self.margins[name] == -MOST_MISSED
+        return f"{value} or more" if cut_off else value, limit
 
 
 def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
@@ -178,12 +194,19 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
     budget = budget_of(alone)
     margins = margins_of(campaign.requirements, case)
     shown = {"across": budget.whole.across, "about": budget.whole.about}
+    refused, missing = dict[str, str](), list[str]()
     for condition in judged:
         expected = _expected(condition, seed)
+        if expected.margins == blind(condition.needs):
+            try:
+                population_of(condition).require_budgets(seed)
+            except Refused as reason:
+                refused[condition.name] = str(reason)
+                missing += name_by_condition(condition.name, expected.margins)
         margins |= name_by_condition(condition.name, expected.margins)
         if condition is judged[0] and condition.units is not None:
             shown = dict.fromkeys(SHOWN, math.nan) | expected.shown
-    return ExpectedDesign(budget, margins, shown)
+    return ExpectedDesign(budget, margins, shown, refused, missing)
 
 
 def _expected(condition: Judged, seed: int) -> Forecast:

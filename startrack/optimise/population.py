@@ -17,7 +17,13 @@ from startrack.budget import UnitBudgets
 from startrack.core import Advance, Rows
 from startrack.design import Accuracy, Campaign, Fidelity, Judged, OverUnits
 from startrack.metrics import Interval
-from startrack.optimise.budgets import ENVIRONMENTS, budget_or_none, budgets_of_units
+from startrack.optimise.budgets import (
+    ENVIRONMENTS,
+    budget_of,
+    budget_or_none,
+    budgets_of_units,
+    required_units,
+)
 from startrack.optimise.limit import Limit
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.units import fresh_units, measured_units
@@ -99,6 +105,10 @@ class UnitAsDesigned:
         """Analytic budgets of some units; None where one has no attitude."""
         budget = budget_or_none(self.condition.case)
         return None if budget is None else UnitBudgets.of_one(budget)
+
+    def require_budgets(self, seed: int) -> None:
+        """Raise Refused, with the reason, if a unit has no budget."""
+        budget_of(self.condition.case)
 
     def tried(self, outcomes: Rows) -> int:
         """Number of units in the outcomes of trials."""
@@ -189,6 +199,11 @@ class DrawnUnits:
     def budgets(self, seed: int, part: range) -> UnitBudgets | None:
         """See `UnitAsDesigned`."""
         return budgets_of_units(self.condition.case, seed, self.over.age, part.start, len(part))
+
+    def require_budgets(self, seed: int) -> None:
+        """See `UnitAsDesigned`."""
+        for part in self.parts(1):
+            required_units(self.condition.case, seed, self.over.age, part.start, len(part))
 
     def tried(self, outcomes: Rows) -> int:
         """See `UnitAsDesigned`."""

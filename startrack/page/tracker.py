@@ -119,9 +119,9 @@ class TrackerPage:
             return {"rate": rate / deg, "across": across, "about": about}
         if campaign is None:
             return {"requirements": []}
-        margins = optimise.expect(case, campaign, self.seed).margins
+        expected = optimise.expect(case, campaign, self.seed)
         return {
-            "requirements": _requirements(case, campaign, margins),
+            "requirements": _requirements(case, campaign, expected.margins, expected),
             "objective": campaign.goal_of(case),
             "expected": optimise.expected_objective(case, campaign, self.seed) / arcsec,
         }
@@ -188,11 +188,15 @@ def _stars(case: Case) -> dict[str, Any]:
 
 
 def _requirements(
-    case: Case, campaign: Campaign | None, more: Mapping[str, float]
+    case: Case,
+    campaign: Campaign | None,
+    more: Mapping[str, float],
+    expected: optimise.ExpectedDesign | None = None,
 ) -> list[dict[str, Any]]:
     """Each margin with value and limit; costs without a limit have no margin.
 
-    more  margins of errors and availability
+    more      margins of errors and availability
+    expected  all margins, with conditions that have no forecast; None: those of the design's own
     """
     if campaign is None:
         return []
@@ -200,7 +204,11 @@ def _requirements(
     needed = verification.needed_magnitude(case, needs.min_stars, needs.sky_fraction)
     margins = verification.margins(needs, case) | dict(more)
     for name, margin in margins.items():
-        value, limit = verification.limited(needs, name, margin, needed)
+        value, limit = (
+            expected.value_and_limit(needs, name, needed)
+            if expected
+            else verification.limited(needs, name, margin, needed)
+        )
         rows.append({"name": name, "value": value, "limit": limit, "margin": float(margin)})
     for name, unit in designs.COSTS.items():
         cost = needs.cost_named(name, case)

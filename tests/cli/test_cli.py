@@ -406,6 +406,22 @@ def test_a_value_changes_the_design_and_stands_in_the_result(call):
     assert "set" not in plain
 
 
+def test_a_condition_without_a_forecast_has_no_value(capsys):
+    """Twilight saturates the pixels."""
+    bright = '[{name="bright", background_g=8.0, weight=0.0, max_across="2 arcsec"}]'
+    assert main(["requirements", str(EXAMPLE), "--set", f"campaign.conditions={bright}"]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert any(
+        line.startswith("no forecast in the condition bright: ") and "saturates" in line
+        for line in lines
+    )
+    rows = [line.split() for line in lines if "(bright)" in line]
+    assert [(row[0], row[2:4], row[-2:]) for row in rows] == [
+        (name, ["no", "forecast"], ["NOT", "MET"]) for name in ("across", "availability")
+    ]
+    assert not any("nan" in line.split() for line in lines)
+
+
 def test_stars_of_the_sky_have_a_value_and_a_limit(capsys):
     """If the camera detects fainter stars than the catalogue has, the catalogue's limit is the
     value."""
