@@ -56,6 +56,7 @@ FOLDERS = (
     "solve-for",
 )
 DESIGNS = 32  # designs for the sensitivities of a page
+TRACKER = "a design of a star tracker"
 APART = 1.5  # least reported factor between trials and formula
 Command = Callable[[argparse.Namespace], int]
 
@@ -76,6 +77,10 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
             f"{', '.join(more)} must be left out for a scene of an Earth camera or a search for "
             "moving objects"
         )
+    kinds = dict(zip(paths, map(kind_of, paths), strict=True))
+    if len(set(kinds.values())) > 1:
+        words = (f"{path} is {kind.words if kind else TRACKER}" for path, kind in kinds.items())
+        raise WrongUse(f"designs must be of one kind, but {' and '.join(words)}")
     study = ACTIONS[options.name]
     problems = [problem_of(path, getattr(options, "set", [])) for path in paths]
     return lambda options: study(options, *problems)

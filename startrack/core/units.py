@@ -280,9 +280,13 @@ def utc(text: str) -> Any:
         raise Refused(f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}") from None
 
 
-def utc_text(begin: str, second: float) -> str:
-    """The time of whole seconds, UTC, that is SI seconds after another."""
+def utc_text(begin: str, second: float, whole: bool = True) -> str:
+    """The time, UTC, that is SI seconds after another.
+
+    whole  whether a fraction of a second is left out
+    """
     from astropy.time import TimeDelta
 
     with installed_tables():
-        return str((utc(begin) + TimeDelta(second, format="sec")).isot[:19])
+        text = str((utc(begin) + TimeDelta(second, format="sec")).isot)
+    return text[:19] if whole else text.removesuffix(".000")

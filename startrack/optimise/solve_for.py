@@ -309,6 +309,11 @@ def solve_for(
         key, log = _around(load_design(path, every), key), True
     start = design_or_refusal(path, every)  # which may need a value of the key
     designed = start if isinstance(start, Design) else None
+    for limit in limits if designed is None else ():
+        name = limit.partition("=")[0]
+        _, found, rule = str(start).partition(f": {name} ")
+        if found:
+            raise Refused(f"until {until!r}: {name.rpartition('.')[2]} {rule}")
     values = SweptKey.read(key, points, log, designed)
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")

@@ -264,20 +264,27 @@ def segment_of(
     after = np.searchsorted(spans[:, 0] - ROUNDING, second, side="right") - 1
     number = np.clip(after, 0, len(spans) - 1)
     outside = np.maximum(spans[number, 0] - second, second - spans[number, 1])
-    worst = int(outside.argmax())
-    if outside[worst] <= beyond + ROUNDING:
+    beside = outside > beyond + ROUNDING
+    if not beside.any():
         return number
-    at, here = float(second[worst]), int(number[worst])
-    if at < spans[0, 0] or here == len(spans) - 1:
+    missed = int(beside.argmax())  # the first
+    here = int(number[missed])
+    first, last, at = (
+        core.utc_text(date, float(time), whole=False)
+        for time in (spans[0, 0], spans[-1, 1], second[missed])
+    )
+    if second[missed] < spans[0, 0] or here == len(spans) - 1:
         raise Refused(
-            f"{what} must hold the mission's time: it is given from "
-            f"{core.utc_text(date, spans[0, 0])} to {core.utc_text(date, spans[-1, 1])} UTC, and "
-            f"asked for at {core.utc_text(date, at)}"
+            f"{what} must hold the mission's time: it is given from {first} to {last} UTC, and "
+            f"asked for at {at}"
         )
+    begin, end = (
+        core.utc_text(date, float(time), whole=False)
+        for time in (spans[here, 1], spans[here + 1, 0])
+    )
     raise Refused(
-        f"{what} must hold the mission's time: it has a gap from "
-        f"{core.utc_text(date, spans[here, 1])} to {core.utc_text(date, spans[here + 1, 0])} UTC, "
-        f"and is asked for at {core.utc_text(date, at)}; nothing is interpolated over a gap"
+        f"{what} must hold the mission's time: it has a gap from {begin} to {end} UTC, "
+        f"and is asked for at {at}; nothing is interpolated over a gap"
     )
 
 

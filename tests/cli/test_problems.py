@@ -25,6 +25,9 @@ def test_scenes_with_other_objectives_are_refused_before_any_trial(capsys):
     assert main(["compare", "mertis", "hsrs", "--trials", "100000000", *SHORT]) == 2
     words = "one objective, got error of emissivity and smallest fire"
     assert words in capsys.readouterr().err
+    assert main(["compare", "noise_only", "hsrs", "--trials", "100000000"]) == 2
+    words = "noise_only is a design of a star tracker and hsrs is a scene of an Earth camera"
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -72,6 +72,13 @@ def test_a_value_at_a_limit_is_the_first_line(design, tmp_path, capsys):
         (["sweep", "nanosatelite", "a=1"], "shipped are designs/nanosatellite.toml"),
         (["sweep", "hsrs", "a=1..2"], "a must be a parameter of the design"),
         (["solve-for", "noise_only", "a=1..2", "--until", "both=3"], "a limit must be of across"),
+        (
+            [
+                *("solve-for", "noise_only", "instrument.optics.f_number=1..2"),
+                *("--until", "across=-1 arcsec"),
+            ],
+            "until 'across=-1 arcsec': max_across must be positive",
+        ),
         (["solve-for", "noise_only", "a", "--until", "mass"], "must have a range, as KEY=A..B"),
     ],
 )

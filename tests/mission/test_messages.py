@@ -140,9 +140,13 @@ def test_nothing_is_interpolated_over_a_gap(tmp_path):
     for second in (1801.0, 2100.0, 2399.0):
         with pytest.raises(Refused, match=r"gap from 2024-\S*T00:30:00 to \S*T00:40:00 UTC, and"):
             matrices(path, "2024-01-01T00:00:00", second)
+    with pytest.raises(Refused, match="is asked for at 2024-01-01T00:31:00;"):
+        matrices(path, "2024-01-01T00:00:00", [1800.0, 1860.0, 2340.0])
     for second in (-1.0, 3601.0):
         with pytest.raises(Refused, match=r"from 2024-\S*T00:00:00 to \S*T01:00:00 UTC, and asked"):
             matrices(path, "2024-01-01T00:00:00", second)
+    with pytest.raises(Refused, match=r"asked for at 2023-12-31T23:59:59\.500"):
+        matrices(path, "2024-01-01T00:00:00", -0.5)
     next_ = segment([f"2024-01-01T00:30:00 {QUARTER}", f"2024-01-01T01:00:00 {QUARTER}"])
     path = aem(tmp_path / "next.aem", first, next_)
     back = matrices(path, "2024-01-01T00:00:00", [1799.9, 1800.1])
