@@ -162,6 +162,7 @@ class ExpectedDesign(NamedTuple):
              over units, otherwise those of the budget
     refused  conditions without a forecast, and the reason
     missing  names of their margins, whose values are those of `blind`
+    needs    requirements of the margins of conditions, by the names of the margins
     """
 
     budget: Budget[ErrorLaw]
@@ -169,6 +170,7 @@ class ExpectedDesign(NamedTuple):
     shown: dict[str, float]
     refused: dict[str, str]
     missing: list[str]
+    needs: dict[str, Requirements]
 
     def value_and_limit(self, needs: Requirements, name: str, needed: float) -> tuple[str, str]:
         """Value and limit of a margin as texts, as `limited`.
@@ -176,7 +178,7 @@ class ExpectedDesign(NamedTuple):
         A margin without a forecast has no value; one that is cut off at -MOST_MISSED has a least
         value.
         """
-        value, limit = limited(needs, name, self.margins[name], needed)
+        value, limit = limited(self.needs.get(name, needs), name, self.margins[name], needed)
         if name in self.missing:
             return "no forecast", limit
         cut_off = value and self.margins[name] == -MOST_MISSED
@@ -194,7 +196,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
     budget = budget_of(alone)
     margins = margins_of(campaign.requirements, case)
     shown = {"across": budget.whole.across, "about": budget.whole.about}
-    refused, missing = dict[str, str](), list[str]()
+    refused, missing, needs = dict[str, str](), list[str](), dict[str, Requirements]()
     for condition in judged:
         expected = _expected(condition, seed)
         if expected.margins == blind(condition.needs):
@@ -204,9 +206,11 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
                 refused[condition.name] = str(reason)
                 missing += name_by_condition(condition.name, expected.margins)
         margins |= name_by_condition(condition.name, expected.margins)
+        own = dict.fromkeys(expected.margins, condition.needs)
+        needs |= name_by_condition(condition.name, own)
         if condition is judged[0] and condition.units is not None:
             shown = dict.fromkeys(SHOWN, math.nan) | expected.shown
-    return ExpectedDesign(budget, margins, shown, refused, missing)
+    return ExpectedDesign(budget, margins, shown, refused, missing, needs)
 
 
 def _expected(condition: Judged, seed: int) -> Forecast:

@@ -416,8 +416,9 @@ def test_a_condition_without_a_forecast_has_no_value(capsys):
         for line in lines
     )
     rows = [line.split() for line in lines if "(bright)" in line]
-    assert [(row[0], row[2:4], row[-2:]) for row in rows] == [
-        (name, ["no", "forecast"], ["NOT", "MET"]) for name in ("across", "availability")
+    assert [(row[0], *row[2:]) for row in rows] == [
+        ("across", "no", "forecast", "2", "arcsec", "NOT", "MET"),
+        ("availability", "no", "forecast", "0.99", "NOT", "MET"),
     ]
     assert not any("nan" in line.split() for line in lines)
 
