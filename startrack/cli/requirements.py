@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import Refused, arcsec, deg, um
-    from startrack.design import COSTS, Campaign, Case, Requirements, bounds_of, branches
+    from startrack.design import COSTS, NOMINAL, Campaign, Case, Requirements, bounds_of, branches
     from startrack.earth import imager
     from startrack.earth.retrieval import EarthProblem, load_earth_design
     from startrack.io import aligned, from_table, read_table, recalled
@@ -71,8 +71,16 @@ def command(options: argparse.Namespace) -> int:
         "cost": needs.cost(design.case),
     }
     show(_costs_answer(design.case, needs))
-    with stage("error budget"):
-        expected, error = recalled(_expected)(design.case, campaign)
+    try:
+        with stage("error budget"):
+            expected, error = recalled(_expected)(design.case, campaign)
+    except Refused as blind:
+        show(f"no forecast: {blind}")
+        if options.json:
+            margins = cost_margins(needs, design.case)
+            result = {"design": str(path), "met": False, "margins": margins, **costs}
+            print_result(options, result | {"refused": {NOMINAL: str(blind)}})
+        return Exit.UNSOLVED
     budget, margins = expected.budget, expected.margins
     objective = campaign.goal_of(design.case)
     kept = sum(map(_met, margins.values()))

@@ -96,6 +96,8 @@ def command(options: argparse.Namespace) -> int:
 
 def _answer(tracking: Tracking) -> str:
     """Fraction of the frames with an attitude, errors of the filter, and losses of track."""
+    if not tracking.known.value > 0:
+        return "no attitude in any frame, and no error of the filter"
     across, about = (bracketed(error, ".3f", arcsec) for error in (tracking.across, tracking.about))
     return (
         f"attitude known in {100 * tracking.known.value:.2f} % of the frames; error of the filter "

@@ -88,13 +88,14 @@ def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
             return [(str(here), at[here])]
     meant = ""
     if dataclasses.is_dataclass(at):
-        key = current_key(type(at), part)
+        kind: Any = type(at)
+        key = current_key(kind, part)
         if key != part:
             current = ".".join(key if word == part else word for word in name.split("."))
             warnings.warn(f"{name} is now called {current}", FutureWarning, stacklevel=2)
         if hasattr(at, key):
             return [(key, getattr(at, key))]
-        meant = meant_key(at.__class__, part)
+        meant = meant_key(kind, part)
     raise Refused(f"{name} must be a parameter of the design, but {part} is none{meant}")
 
 

@@ -185,7 +185,12 @@ def _judgement(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def _gain(optimum: Optimum, campaign: Campaign) -> str:
-    """The factor of improvement."""
+    """The factor of improvement, if both designs have an attitude."""
+    if not math.isfinite(optimum.factor.value):
+        pair = zip(("start", "best"), optimum.fresh, strict=True)
+        blind = [name for name, one in pair if not math.isfinite(one.across.value)]
+        where = " nor with the ".join(blind) or "best"
+        return f"No factor of improvement: fresh trials have no attitude with the {where}."
     if campaign.minimise != "error":
         name, unit = campaign.made_small
         costs = (f"{campaign.cost(case):.4g}" for case in (optimum.best, optimum.start))

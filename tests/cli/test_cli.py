@@ -423,6 +423,16 @@ def test_a_condition_without_a_forecast_has_no_value(capsys):
     assert not any("nan" in line.split() for line in lines)
 
 
+def test_a_design_without_a_forecast_has_its_costs_and_the_reason(call, capsys):
+    changes = ["--set", "scene.background_g=8"]
+    status, (found,), _ = call("requirements", EXAMPLE, *changes, "--json")
+    assert (status, found["met"]) == (3, False)
+    assert "saturates" in found["refused"]["nominal"]
+    assert found["margins"]["mass"] > 0
+    assert main(["requirements", str(EXAMPLE), *changes]) == 3
+    assert capsys.readouterr().out.splitlines()[2].startswith("no forecast: ")
+
+
 def test_stars_of_the_sky_have_a_value_and_a_limit(capsys):
     """If the camera detects fainter stars than the catalogue has, the catalogue's limit is the
     value."""

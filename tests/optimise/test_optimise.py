@@ -78,7 +78,7 @@ def test_a_worse_design_is_never_the_best(small, campaign):
     assert "Better by a factor" not in text
 
 
-def test_a_design_without_an_attitude_is_never_better_than_the_start(optimum):
+def test_a_design_without_an_attitude_is_never_better_than_the_start(optimum, campaign):
     """Both miss a limit, so that their errors decide, one of which is not known."""
     solved, blind = (
         optimum.fresh[0],
@@ -91,6 +91,8 @@ def test_a_design_without_an_attitude_is_never_better_than_the_start(optimum):
     kept = _better(dataclasses.replace(found, fresh=(solved, blind)), start, shown)
     assert kept.best == found.start
     assert kept.candidate.design == found.best
+    text = comparison(dataclasses.replace(found, fresh=(solved, blind)), campaign)
+    assert text.startswith("No factor of improvement: fresh trials have no attitude with the best.")
     kept = _better(dataclasses.replace(found, fresh=(blind, solved)), start, shown)
     assert kept.best == found.best
 
