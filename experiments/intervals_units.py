@@ -14,7 +14,7 @@ import numpy as np
 from intervals_coverage import COUNTS, Coverage, note
 
 from startrack import Case, load_design, shipped
-from startrack.core import YEAR, Floats
+from startrack.core import YEAR, Floats, Refused
 from startrack.design import Campaign, Fidelity, Objective, Variable, Variation
 from startrack.metrics import fraction_interval
 from startrack.montecarlo import Serial, run
@@ -92,8 +92,8 @@ def pool_of(design: Varied, more: tuple[str, ...], units: int) -> Pool:
     how = Units(EACH, EACH)
     rows = run(case, units * EACH, 1, Serial(), 0, 1, None, Fidelity.COVARIANCE, how)
     budgets = budgets_of_units(case, 1, 0.0, 0, units, 1)
-    if budgets is None:
-        raise ValueError(f"a unit of the design {design} has no attitude")
+    if isinstance(budgets, Refused):
+        raise budgets
     squares = Objective().squares(rows).reshape(units, EACH)
     return Pool(squares, units_expected(Objective(), budgets))
 

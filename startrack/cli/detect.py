@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
 
-MANY = 0.01  # fraction fraction of the pixels; saturated stars cover far less
+MANY = 0.01  # fraction of the pixels; saturated stars cover far less
 LEAST_RANGE = 255  # digital number, largest number of 8 bits
 NAMES = {
     "false_per_frame": "--false",
@@ -71,11 +71,11 @@ def command(options: argparse.Namespace) -> int:
         chance = detection.false_alarms(plan, columns, rows)
         result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
         result["spots"] = (table := _table(spots)).json()
-        largest, part = _at_largest(frame.image)
+        largest, part = at_largest(frame.image)
         result["at_the_largest_number"] = part
         counted = f"{len(spots)} spot" + "s" * (len(spots) != 1)
         text = f"{path}: {counted}; noise alone makes {chance:.1g} per frame"
-        text += _saturation(largest, part)
+        text += saturation_text(largest, part)
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"
             plots.draw_spots(picture, frame, spots, f"{path.name}: {counted}")
@@ -84,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
     return status
 
 
-def _at_largest(image: NDArray[Any]) -> tuple[float, float]:
+def at_largest(image: NDArray[Any]) -> tuple[float, float]:
     """Largest number of an image, and the fraction of pixels with this number.
 
     Pixels without a number, NaN, do not count.
@@ -94,7 +94,7 @@ def _at_largest(image: NDArray[Any]) -> tuple[float, float]:
     return float(largest), at / max(at + below, 1)
 
 
-def _saturation(largest: float, part: float) -> str:
+def saturation_text(largest: float, part: float) -> str:
     """Warning where more pixels have the largest number of an image than saturated stars
     explain."""
     if part == 1:

@@ -211,16 +211,14 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
             lambda number: advance(0, f"{number} trials"),
         )
     table = verification.problem_verdict_table(verified)
-    sizes, alpha = ", ".join(map(str, looks.sizes)), 100 * looks.alpha
     lines = [
         f"verdict: {verified.answer.in_capitals}",
         "",
         *table.text((0, 1)),
         "",
         *dict.fromkeys(row.note for row in verified.verdicts if row.note),
-        f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
-        f"probability of at most {alpha:g} %, within the accuracy of intervals. Values are in SI; "
-        "margins are fractions of the limits.",
+        f"{looks.words}, within the accuracy of intervals. Values are in SI; margins are "
+        "fractions of the limits.",
         *_not_counted(problem.expect().left_out),
     ]
     text, result = "\n".join(lines), {"design": str(options.campaign), "seed": options.seed}

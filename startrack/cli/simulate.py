@@ -13,7 +13,7 @@ from startrack.cli.options import DESIGN, Exit, Option, Options, decimal, out, w
 
 if wanted(__name__):
     from startrack import plots
-    from startrack.cli import terminal
+    from startrack.cli import detect, terminal
     from startrack.core import Streams, arcsec
     from startrack.io import FrameFiles, pointing, write_fits
     from startrack.observation import out_of_step, random_attitude
@@ -81,6 +81,8 @@ def command(options: argparse.Namespace) -> int:
     if record.outcome.solved:
         shown = ", ".join(f"{error:.3g}" for error in errors.values())
         summary += f"; error {shown} arcsec about x, y, z"
+    largest, part = detect.at_largest(record.frame.image)
+    summary += detect.saturation_text(largest, part)
     raw = draw_record(png, case, record, f"{title}\n{summary}")
     result = {
         "fits": str(fits),
@@ -91,6 +93,7 @@ def command(options: argparse.Namespace) -> int:
         "fov_x_deg": math.degrees(camera.fov_x),
         "spots": record.outcome.spots,
         "matches": record.outcome.stars,
+        "at_the_largest_number": part,
         "status": str(record.estimate.status),
         **{f"error_{axis}_arcsec": error for axis, error in errors.items()},
     }

@@ -1,5 +1,6 @@
 """Case -> analytic budgets of a design and of its units, kept for a search."""
 
+from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 
@@ -21,35 +22,31 @@ def _coarse(case: Case) -> Case:
 
 
 @lru_cache(maxsize=16)
-def budget_or_none(case: Case) -> Budget[ErrorLaw] | None:
-    """The analytic budget; None if it expects no attitude; cached for the last 16 cases."""
+def budget_or_refusal(case: Case) -> Budget[ErrorLaw] | Refused:
+    """The analytic budget, or why it expects no attitude; cached for the last 16 cases."""
     try:
         return analytic(_coarse(case))
-    except Refused:
-        return None
+    except Refused as reason:
+        return copy(reason)  # without the traceback, whose frames keep arrays
 
 
 def budget_of(case: Case) -> Budget[ErrorLaw]:
     """The analytic budget, cached as in a search; Refused if it expects no attitude."""
-    return budget_or_none(case) or analytic(case)  # raises the reason for a missing budget
+    budget = budget_or_refusal(case)
+    if isinstance(budget, Refused):
+        raise copy(budget)
+    return budget
 
 
 @lru_cache(maxsize=16)
 def budgets_of_units(
     case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
-) -> UnitBudgets | None:
-    """Analytic budgets of some units; None if one has no attitude; cached for 16 cases."""
+) -> UnitBudgets | Refused:
+    """Analytic budgets of some units, or why one has no attitude; cached for 16 cases."""
     try:
-        return required_units(case, seed, age, first, count, environments)
-    except Refused:
-        return None
-
-
-def required_units(
-    case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
-) -> UnitBudgets:
-    """Analytic budgets of some units; Refused if one has no attitude."""
-    return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
+        return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
+    except Refused as reason:
+        return copy(reason)  # without the traceback, whose frames keep arrays
 
 
 def without_units(case: Case) -> Case:

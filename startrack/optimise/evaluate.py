@@ -225,6 +225,11 @@ class Foresight(NamedTuple):
         return bool(self.margins) and math.isnan(self.expected) and not self.conditions
 
     @property
+    def reason(self) -> str:
+        """Why a condition expects no attitude, or empty."""
+        return next((one.reason for one in self.conditions.values() if one.reason), "")
+
+    @property
     def score(self) -> float:
         """Score as for `evaluate`; infinite if no attitude is expected."""
         if math.isnan(self.expected):

@@ -11,7 +11,7 @@ from startrack.budget import Budget, ErrorLaw, UnitBudgets, joined
 from startrack.core import Refused, Rows
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
-from startrack.optimise.budgets import budget_of, budget_or_none, without_units
+from startrack.optimise.budgets import budget_of, budget_or_refusal, without_units
 from startrack.optimise.limit import MOST_MISSED
 from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
@@ -53,12 +53,19 @@ class Forecast(NamedTuple):
     over     for the objective and each limited error: ratios of the level over all units to the
              error of the first 1, 2, ... units together; none if no attitude is expected
     shown    radian, errors that tables show, over the units; none if no attitude is expected
+    reason   why no attitude is expected, or empty
     """
 
     error: float
     margins: dict[str, float]
     over: dict[str, list[float]] = {}  # noqa: RUF012, never changed
     shown: dict[str, float] = {}  # noqa: RUF012, never changed
+    reason: str = ""
+
+    @classmethod
+    def without_attitude(cls, needs: Requirements, reason: Refused) -> "Forecast":
+        """All requirements are missed by MOST_MISSED."""
+        return cls(math.nan, blind(needs), reason=str(reason))
 
 
 def over_units(
@@ -80,12 +87,14 @@ def forecast(condition: Judged, objective: Objective, seed: int = 1) -> Forecast
 
 
 def _forecast(
-    condition: Judged, objective: Objective, parts: Sequence[UnitBudgets | None]
+    condition: Judged, objective: Objective, parts: Sequence[UnitBudgets | Refused]
 ) -> Forecast:
     """`forecast` from the budgets of units, in parts."""
-    solved, needs = [part for part in parts if part is not None], condition.needs
-    if len(solved) < len(parts):
-        return Forecast(math.nan, blind(needs))
+    solved, needs = list[UnitBudgets](), condition.needs
+    for part in parts:
+        if isinstance(part, Refused):
+            return Forecast.without_attitude(needs, part)
+        solved.append(part)
     units, fraction = joined(solved), population_of(condition).fraction
 
     def level(goal: Objective, sky: str) -> float:
@@ -117,7 +126,7 @@ def _forecast(
     return Forecast(levels["whole"][str(objective)], margins, over, shown)
 
 
-def _budgets(task: Task, seed: int) -> UnitBudgets | None:
+def _budgets(task: Task, seed: int) -> UnitBudgets | Refused:
     condition, part = task
     return population_of(condition).budgets(seed, part)
 
@@ -141,7 +150,7 @@ def forecasts(
         (condition, part) for condition in new for part in population_of(condition).parts(workers)
     ]
     budgets = (runner.map if runner else map)(partial(_budgets, seed=seed), tasks)
-    parts = {condition.name: list[UnitBudgets | None]() for condition in new}
+    parts = {condition.name: list[UnitBudgets | Refused]() for condition in new}
     for (condition, _), part in zip(tasks, budgets, strict=True):
         parts[condition.name].append(part)
     made = {
@@ -181,7 +190,7 @@ class ExpectedDesign(NamedTuple):
         value, limit = limited(self.needs.get(name, needs), name, self.margins[name], needed)
         if name in self.missing:
             return "no forecast", limit
-        cut_off = value and self.margins[name] == -MOST_MISSED
+        cut_off = value and name in self.needs and self.margins[name] == -MOST_MISSED
         return f"{value} or more" if cut_off else value, limit
 
 
@@ -199,12 +208,9 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
     refused, missing, needs = dict[str, str](), list[str](), dict[str, Requirements]()
     for condition in judged:
         expected = _expected(condition, seed)
-        if expected.margins == blind(condition.needs):
-            try:
-                population_of(condition).require_budgets(seed)
-            except Refused as reason:
-                refused[condition.name] = str(reason)
-                missing += name_by_condition(condition.name, expected.margins)
+        if expected.reason:
+            refused[condition.name] = expected.reason
+            missing += name_by_condition(condition.name, expected.margins)
         margins |= name_by_condition(condition.name, expected.margins)
         own = dict.fromkeys(expected.margins, condition.needs)
         needs |= name_by_condition(condition.name, own)
@@ -217,9 +223,10 @@ def _expected(condition: Judged, seed: int) -> Forecast:
     """Forecast of a condition; the availability of the unit as designed excludes large errors."""
     if condition.units is not None:
         return forecast(condition, Objective(), seed)
-    budget = budget_or_none(condition.case)
-    needs = condition.needs
-    return Forecast(math.nan, expected_margins(needs, budget) if budget else blind(needs))
+    budget, needs = budget_or_refusal(condition.case), condition.needs
+    if isinstance(budget, Refused):
+        return Forecast.without_attitude(needs, budget)
+    return Forecast(math.nan, expected_margins(needs, budget))
 
 
 def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:

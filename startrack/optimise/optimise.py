@@ -97,14 +97,14 @@ class Optimum:
 
     @property
     def lacking(self) -> dict[str, float]:
-        """The margins that are not met, the least violated first."""
+        """The margins that are not met, the worst first."""
         return lacking(self.margins)
 
 
 def lacking(margins: Mapping[str, float]) -> dict[str, float]:
-    """The margins that are not met, the least violated first."""
+    """The margins that are not met, the worst first."""
     short = {name: margin for name, margin in margins.items() if not margin >= 0}
-    return dict(sorted(short.items(), key=lambda pair: -pair[1]))
+    return dict(sorted(short.items(), key=lambda pair: pair[1]))
 
 
 # Fractions of the time after which forecasts, and trials, of a search end; for `nanosatellite`.

@@ -14,16 +14,10 @@ import numpy as np
 
 from startrack import verification
 from startrack.budget import UnitBudgets
-from startrack.core import Advance, Rows
+from startrack.core import Advance, Refused, Rows
 from startrack.design import Accuracy, Campaign, Fidelity, Judged, OverUnits
 from startrack.metrics import Interval
-from startrack.optimise.budgets import (
-    ENVIRONMENTS,
-    budget_of,
-    budget_or_none,
-    budgets_of_units,
-    required_units,
-)
+from startrack.optimise.budgets import ENVIRONMENTS, budget_or_refusal, budgets_of_units
 from startrack.optimise.limit import Limit
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.units import fresh_units, measured_units
@@ -101,14 +95,10 @@ class UnitAsDesigned:
         """Units in parts; a worker computes the budgets of a part."""
         return [range(1)]
 
-    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
-        """Analytic budgets of some units; None where one has no attitude."""
-        budget = budget_or_none(self.condition.case)
-        return None if budget is None else UnitBudgets.of_one(budget)
-
-    def require_budgets(self, seed: int) -> None:
-        """Raise Refused, with the reason, if a unit has no budget."""
-        budget_of(self.condition.case)
+    def budgets(self, seed: int, part: range) -> UnitBudgets | Refused:
+        """Analytic budgets of some units, or why one has no attitude."""
+        budget = budget_or_refusal(self.condition.case)
+        return budget if isinstance(budget, Refused) else UnitBudgets.of_one(budget)
 
     def tried(self, outcomes: Rows) -> int:
         """Number of units in the outcomes of trials."""
@@ -196,14 +186,9 @@ class DrawnUnits:
         size = count if shared else math.ceil(count / workers)
         return [range(at, min(at + size, count)) for at in range(0, count, size)]
 
-    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
+    def budgets(self, seed: int, part: range) -> UnitBudgets | Refused:
         """See `UnitAsDesigned`."""
         return budgets_of_units(self.condition.case, seed, self.over.age, part.start, len(part))
-
-    def require_budgets(self, seed: int) -> None:
-        """See `UnitAsDesigned`."""
-        for part in self.parts(1):
-            required_units(self.condition.case, seed, self.over.age, part.start, len(part))
 
     def tried(self, outcomes: Rows) -> int:
         """See `UnitAsDesigned`."""

@@ -14,7 +14,7 @@ from startrack.metrics import Column, DisplayUnit, Interval, Table, four_digits
 from startrack.optimise.figures import Figure, middle
 from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.solve_for import KeyLine, Solution, Watch
-from startrack.optimise.sweep import MOST_DESIGNS, POINTS, SweptKey
+from startrack.optimise.sweep import MOST_DESIGNS, POINTS, SweptKey, key_columns
 from startrack.problem import Margin, Problem, Words
 
 LARGEST = 1 - 1e-12  # largest margin, for a value that may be zero
@@ -98,10 +98,7 @@ class ProblemSweep:
         margins = dict.fromkeys(name for row in self.rows for name in row.margins)
         return Table(
             [
-                *(
-                    Column(key.name, key.name.rpartition(".")[2], partial(_value, at=at))
-                    for at, key in enumerate(self.keys)
-                ),
+                *key_columns(self.keys),
                 Column("value", self.words.value, lambda row: row.value, unit, ".4g"),
                 Column("", "least margin", lambda row: row.least_text),
                 *(
@@ -122,10 +119,6 @@ class ProblemSweep:
             ],
             self.rows,
         )
-
-
-def _value(row: SweptProblem, at: int) -> str:
-    return row.values[at]
 
 
 def _part(row: SweptProblem, name: str) -> Figure:

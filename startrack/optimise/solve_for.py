@@ -310,10 +310,9 @@ def solve_for(
     start = design_or_refusal(path, every)  # which may need a value of the key
     designed = start if isinstance(start, Design) else None
     for limit in limits if designed is None else ():
-        name = limit.partition("=")[0]
-        _, found, rule = str(start).partition(f": {name} ")
+        _, found, rule = str(start).partition(f"{limit.partition('=')[0]} ")
         if found:
-            raise Refused(f"until {until!r}: {name.rpartition('.')[2]} {rule}")
+            raise Refused(f"until {until!r}: the limit {rule}")
     values = SweptKey.read(key, points, log, designed)
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
@@ -372,7 +371,9 @@ class _MarginAlongKey:
     def design(self, number: float) -> tuple[Case, Campaign]:
         """The design at a number, and its campaign. Raises Refused if the design refuses it."""
         text = self.key.at(round(number) if self.whole else number)
-        design = load_design(self.path, [*self.changes, f"{self.key.name}={text}"])
+        design = design_or_refusal(self.path, [*self.changes, f"{self.key.name}={text}"])
+        if isinstance(design, Refused):
+            raise design
         return design.case, design.campaign or Campaign()
 
     def by_trials(self, number: float) -> Interval:

@@ -254,10 +254,6 @@ class Sweep:
     @cached_property
     def columns(self) -> Table:
         """A row for each design: values, errors, availability, stars, margins, costs, refusal."""
-        keys = [
-            Column(key.name, key.name.rpartition(".")[2], partial(_value, at=at))
-            for at, key in enumerate(self.keys)
-        ]
         short = [
             Column("across_rms_arcsec", "across", lambda row: row.figure("across"), ARCSEC, ".4g"),
             Column("about_rms_arcsec", "about", lambda row: row.figure("about"), ARCSEC, ".4g"),
@@ -280,7 +276,7 @@ class Sweep:
         ]
         worst = Column("", "least margin", _least if self.asked else lambda _: "")
         why = Column("refused", "", lambda row: row.refused or (row.figures and row.figures.note))
-        return Table([*keys, *short, worst, *margins, *costs, why], self.rows)
+        return Table([*key_columns(self.keys), *short, worst, *margins, *costs, why], self.rows)
 
     @property
     def table(self) -> Rows:
@@ -332,6 +328,14 @@ class Sweep:
         return csv_of(self.columns)
 
 
+def key_columns(keys: Sequence[SweptKey]) -> list[Column]:
+    """A column for each key, of rows with `values`."""
+    return [
+        Column(key.name, key.name.rpartition(".")[2], lambda row, at=at: row.values[at])
+        for at, key in enumerate(keys)
+    ]
+
+
 def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:
     """Head and rows of CSV; a cell without a number is empty."""
     records = table.json()
@@ -351,10 +355,6 @@ def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:
 def _cells(value: Any, name: str) -> list[Any]:
     values = value or [None, None] if name.endswith("_95") else [value]
     return ["" if part is None or part != part else part for part in values]
-
-
-def _value(row: SweptDesign, at: int) -> str:
-    return row.values[at]
 
 
 def _cost(row: SweptDesign, name: str) -> float:
@@ -484,7 +484,7 @@ def design_or_refusal(path: Path, changes: Sequence[str]) -> Design | Refused:
     try:
         return load_design(path, changes)
     except Refused as reason:
-        return reason
+        return Refused(str(reason).removeprefix("--set: "))  # a key of the sweep is no option
 
 
 def _figures(

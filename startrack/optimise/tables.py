@@ -12,7 +12,7 @@ from startrack.budget import caveats, differences, refusal
 from startrack.core import YEAR, Refused, arcsec
 from startrack.design import NOMINAL, Campaign, Objective
 from startrack.io import save_csv
-from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
+from startrack.metrics import Interval, Row, bracketed, end_text, markdown, summary_rows, to_json
 from startrack.optimise.budgets import budget_of, without_units
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
@@ -119,7 +119,7 @@ def _answer(optimum: Optimum, campaign: Campaign) -> str:
     parts.append(gain(optimum, campaign))
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
-        parts.append(f"NOT MET, the least violated first: {short}.")
+        parts.append(f"NOT MET, the worst first: {short}.")
     elif optimum.feasible:
         parts.append("All requirements are met.")
     return " ".join(parts)
@@ -144,7 +144,7 @@ def _error_rows(optimum: Optimum) -> list[list[str]]:
     return [
         *rows,
         ["availability (%)", *(_written(fresh.availability, 0.01) for fresh in optimum.fresh)],
-        ["matched stars", *(f"{fresh.stars:.1f}" for fresh in optimum.fresh)],
+        ["matched stars", *(end_text(fresh.stars, ".1f") for fresh in optimum.fresh)],
     ]
 
 
@@ -175,9 +175,11 @@ def _judgement(optimum: Optimum, campaign: Campaign) -> str:
     evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
     compared = "" if optimum.candidate else _optimism(optimum)
     needs, false = campaign.requirements, optimum.fresh[1].false
+    fewest, most = campaign.trials, campaign.most_trials
+    each = str(most) if fewest == most else f"{fewest} to {most}"
     return (
         f"{compared}{designs} {evaluated}, "
-        f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
+        f"{each} trials each. {trials} trials "
         f"were done in all. The availability is at least {100 * optimum.availability.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * false.high:.2f} % of "
         "the frames have a false attitude. Brackets and bounds hold with 95 % confidence."
@@ -211,7 +213,9 @@ def _gain(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def _optimism(optimum: Optimum) -> str:
-    """The error of the best before fresh trials."""
+    """The error of the best before fresh trials; empty if there is none."""
+    if not math.isfinite(optimum.tuning_error):
+        return ""
     tuned, later = "error on the tuning trials was", "fresh frames show"
     if optimum.units:
         tuned, later = "level that the search expected was", "fresh units show"
@@ -274,7 +278,15 @@ def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
     if units is None:
         return []
     level = f"{campaign.goal} {units.over.words} (arcsec)"
-    rows = [[level, _written(units.start), _written(units.best)]]
+    rows = [
+        [
+            level,
+            *(
+                _written(one) if math.isfinite(one.value) else "units without an attitude"
+                for one in (units.start, units.best)
+            ),
+        ]
+    ]
     for share in units.yields:
         most = share.accuracy.most / arcsec
         label = f"yield: {share.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%)"
@@ -466,8 +478,8 @@ def _written(interval: Interval, unit: float = arcsec) -> str:
 
 
 def _digits(value: float) -> int:
-    """Decimals for at least two significant digits; two where the value is NaN or zero."""
-    return max(2, 1 - math.floor(math.log10(value))) if value > 0 else 2
+    """Decimals for at least two significant digits; two where the value is zero or not finite."""
+    return max(2, 1 - math.floor(math.log10(value))) if 0 < value < math.inf else 2
 
 
 def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:

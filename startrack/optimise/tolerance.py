@@ -120,7 +120,7 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     values of the design, and is uniform in all other variables.
 
     watch     called with the number of designs that were just forecast, or that were known
-    Raises    ValueError if there are no variables or the centre cannot be tried.
+    Raises    Refused if there are no variables, or the design expects no attitude.
     Accuracy  model: a quadratic surface, whose error is measured in two ways and is part of the
               result; the error of a forecast that differs from that of the centre is not corrected.
     """
@@ -133,7 +133,10 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     def forecast(points: Floats) -> list[Foresight]:
         return source.foresee_any(list(low + (high - low) * points), progress=watch)
 
-    foresights = forecast(cube)
+    first = forecast(cube[:1])
+    if first[0].reason:
+        raise Refused(f"the design must work to be sampled around: {first[0].reason}")
+    foresights = first + forecast(cube[1:])
     centre = source.evaluate(start, foresights[0])
     if not (centre.error > 0 and centre.expected > 0):
         raise Refused(f"the design must work to be sampled around: {centre.note or 'unsolved'}")

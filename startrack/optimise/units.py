@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import polygamma
 
 from startrack.budget import UnitBudgets, joined
-from startrack.core import Advance, Floats, Ints, Rows, Unit, printed
+from startrack.core import Advance, Floats, Ints, Refused, Rows, Unit, printed
 from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
 from startrack.metrics import Interval, quantile_of_few, resampled_interval
 from startrack.optimise.budgets import budgets_of_units
@@ -75,12 +75,17 @@ def trial_noise(
     of an environment have part of the error in common. The mean q has a gamma distribution of
     shape k, with which the mean of x is 1 / (k + 1).
 
-    Returns  1; zero for an error that a fraction of the trials does not exceed
+    Units without any attitude do not count.
+
+    Returns  1; zero for an error that a fraction of the trials does not exceed, and without a unit
     """
     if objective.fraction is not None:
         return 0.0
     order = trial_order(units, campaign)
     squares = objective.as_one_square(objective.squares(outcomes)).reshape(-1, order.trials)
+    squares = squares[np.isfinite(squares).any(axis=1)]
+    if not len(squares):
+        return 0.0
     mean = np.nanmean(squares, axis=1, keepdims=True)
     apart = np.nan_to_num(squares / mean - 1)
     environment = np.arange(order.trials) * order.environments // order.trials
@@ -315,7 +320,7 @@ def _budgeted(
         for at in range(0, count, size)
     ]
     parts = runner.recall(_budgets, blocks)
-    solved = [part for part in parts if part is not None]
+    solved = [part for part in parts if not isinstance(part, Refused)]
     some_lost = len(solved) < len(parts)
     return np.ones(count) if some_lost else units_expected(objective, joined(solved))
 
@@ -323,7 +328,7 @@ def _budgeted(
 Block = tuple[Case, int, float, int, int, int]  # the arguments of `budgets_of_units`
 
 
-def _budgets(block: Block) -> UnitBudgets | None:
+def _budgets(block: Block) -> UnitBudgets | Refused:
     return budgets_of_units(*block)
 
 

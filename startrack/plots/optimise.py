@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from startrack.core import Floats, Ints, arcsec
 from startrack.design import Campaign
-from startrack.metrics import Interval
+from startrack.metrics import Interval, bracketed
 from startrack.optimise import (
     Evaluation,
     Landscape,
@@ -38,15 +38,15 @@ LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible 
 def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
     """Draw the minimised quantity of each evaluated design, and its variables."""
     fresh, _ = optimum.fresh
-    result = (
-        f"the best is better by {optimum.factor.value:.2f} "
-        f"[{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]"
-    )
-    if optimum.candidate:
+    result = f"the best is better by {bracketed(optimum.factor, '.2f')}"
+    if not math.isfinite(optimum.factor.value):
+        result = "start or best have no attitude"
+    elif optimum.candidate:
         result = "none is better than the start"
+    count = len(optimum.evaluations)
     figure = style.picture(
         0.6,
-        f"{len(optimum.evaluations)} designs on the same skies and noise; on {fresh.trials} fresh "
+        f"{count} design{'s' * (count != 1)} on the same skies and noise; on {fresh.trials} fresh "
         f"frames {result}\n{HOW_TO_READ}",
     )
     error, *variables = variable_panels(figure, len(optimum.space.variables), (4.6,))
@@ -103,6 +103,8 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     axes.set(yscale="log", ylabel=objective)
     axes.tick_params(labelbottom=True)
     axes.set_xlabel("evaluation (number)")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(0, _forecast_count(optimum) + len(tried) + 1)
     if not solved.any():
         style.say(axes, "no design has an attitude")
     style.legend_below(axes, 2)
@@ -194,8 +196,8 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
             xycoords=("data", "axes fraction"),
         )
     if len(run):
-        ends = f"{trials[run].min():.0f} to {trials[run].max():.0f}"
-        style.panel_title(axes, f"numbers at the top: trials per design, {ends}")
+        ends = dict.fromkeys(f"{end:.0f}" for end in (trials[run].min(), trials[run].max()))
+        style.panel_title(axes, f"numbers at the top: trials per design, {' to '.join(ends)}")
 
 
 def draw_variables(panels: Sequence[Axes], optimum: Optimum) -> None:
@@ -223,13 +225,14 @@ def draw_variables(panels: Sequence[Axes], optimum: Optimum) -> None:
         texts = [space.shown(name, at[name], 3).partition(" ") for at in values]
         axes.set_yticks(ticks, [number for number, _, _ in texts])
         axes.set_ylabel(f"({texts[0][2] or 1})")
-        axes.set_ylim(-0.05, 1.05)
+        axes.set(xlim=(0, len(points) + 1), ylim=(-0.05, 1.05))
         axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
         axes.tick_params(labelbottom=False)
         style.panel_title(axes, short, LETTERS_BESIDE)
     for axes in panels[-COLUMNS:]:
         axes.tick_params(labelbottom=True)
         axes.set_xlabel("evaluation (number)")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def variable_panels(figure: Figure, count: int, above: Sequence[float]) -> list[Axes]:

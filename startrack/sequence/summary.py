@@ -32,9 +32,10 @@ class Tracking:
     coasted          radian, rms of the filter's error across while it coasts, of any size
     beyond           fraction of frames after which the filter states an attitude that is half a
                      degree off or more
-    worst            radian, largest error of the filter, of all frames and axes together
+    worst            radian, largest error of the filter, of all frames and axes together; NaN
+                     without an attitude
     losses_per_hour  rate at which a known attitude is dropped or contradicted, per hour; NaN for
-                     sequences of one frame, which have no duration
+                     sequences of one frame, which have no duration, and without a known attitude
     reacquisition    second, mean time from a loss to the next attitude of the frames; losses that
                      last to the end of their sequence are left out
     sequences        number of sequences; the intervals of errors and fractions assume independent
@@ -91,15 +92,16 @@ def summarise_sequences(table: Rows) -> Tracking:
     hours = sum(float(_span(sequence)) for sequence in apart) / 3600
     lost = [_losses(sequence) for sequence in apart]
     waits = np.array([wait for sequence in lost for wait in sequence])
+    known = _fraction(apart, _known)
     return Tracking(
         across=rms_interval(_means(apart, _measured, "filtered_x", "filtered_y")),
         about=rms_interval(_means(apart, _measured, "filtered_z")),
         single=rms_interval(_means(apart, _measured, "error_x", "error_y")),
         coasted=rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
-        beyond=_mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
-        worst=float(np.nanmax(_error(table), initial=0.0)),
-        known=_known_fraction(apart),
-        losses_per_hour=_rate(len(waits), hours),
+        beyond=_fraction(apart, lambda rows: _error(rows) > FALSE_ANGLE),
+        worst=float(np.fmax.reduce(_error(table))),
+        known=known,
+        losses_per_hour=_rate(len(waits), hours if known.value > 0 else 0.0),
         reacquisition=_mean(waits[np.isfinite(waits)]),
         sequences=len(apart),
         alignment=rms_interval(_means(last, None, *(f"alignment_{axis}" for axis in "xyz"))),
@@ -153,12 +155,18 @@ def _losses(sequence: Rows) -> list[float]:
     return waits
 
 
-def _known_fraction(apart: list[Rows]) -> Interval:
-    """Mean fraction of frames after which the attitude is known."""
-    good = np.array([float(_known(sequence).mean()) for sequence in apart])
-    if good.min() == 1 or good.max() == 0:  # no scatter: count the sequences
-        return fraction_interval(int(good.sum()), len(good))
-    return _mean(good)
+def _fraction(apart: list[Rows], choice: Callable[[Rows], Flags]) -> Interval:
+    """Mean fraction of the chosen frames.
+
+    If all sequences have the same fraction, the bounds are those of other sequences: as many as
+    the number of sequences without any leaves possible, with all or none of their frames.
+    """
+    parts = np.array([float(choice(sequence).mean()) for sequence in apart])
+    if np.ptp(parts) > 0:
+        mean = _mean(parts)
+        return Interval(mean.value, max(mean.low, 0.0), min(mean.high, 1.0))
+    same, alike = float(parts[0]), fraction_interval(len(parts), len(parts)).low
+    return Interval(same, same * alike, 1 - (1 - same) * alike)
 
 
 def _known(sequence: Rows) -> Flags:

@@ -78,6 +78,18 @@ class Looks(Parameters):
             sizes.append(min(2 * sizes[-1], self.most))
         return sizes
 
+    @property
+    def words(self) -> str:
+        """Numbers of trials, and the probability of a wrong verdict."""
+        *before, last = map(str, self.sizes)
+        tested = (
+            f"{', '.join(before)} and {last} trials until decided" if before else f"{last} trials"
+        )
+        return (
+            f"tested at {tested}; a pass or a fail of the whole is wrong with a probability of at "
+            f"most {100 * self.alpha:g} %"
+        )
+
     def tails(self, claims: int) -> tuple[float, float]:
         """Probabilities of a wrong pass and of a wrong fail at one look, for one of m claims."""
         return tails(len(self.sizes), self.alpha, claims)
@@ -198,7 +210,7 @@ class Claim:
     ) -> int | None:
         """Number of trials that would decide it, if further trials are like these.
 
-        None if no number would: the value equals the limit, or there is no value.
+        None if these do not tell: the value equals the limit, or there are too few errors.
         """
         if self.accuracy is None:
             hits = int(correct(outcomes, self.limits).sum())

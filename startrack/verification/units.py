@@ -29,7 +29,7 @@ class YieldVerdict:
     age     second
     share   fraction of units that meet it, with the bounds that decide a fail and a pass
     answer  pass, fail or not shown
-    needed  number of units that would decide it if it is not shown; None: no number
+    needed  number of units that would decide it if it is not shown; None: unknown
     """
 
     age: float
@@ -277,5 +277,6 @@ def unit_text(verified: UnitVerification) -> str:
 def _written(verdict: YieldVerdict) -> str:
     if verdict.answer is not Answer.NOT_SHOWN:
         return verdict.answer.in_capitals
-    enough = f"about {verdict.needed} units" if verdict.needed else "no number of units"
-    return f"{verdict.answer.in_capitals}: {enough} would do"
+    if not verdict.needed:
+        return f"{verdict.answer.in_capitals}: these units do not tell how many would do"
+    return f"{verdict.answer.in_capitals}: about {verdict.needed} units would do"

@@ -40,7 +40,7 @@ class Verdict:
     margin     margin as a fraction of the limit (stars: magnitude; availability: difference), by
                trials if there are any
     answer     pass, fail or not shown
-    needed     number of trials that would decide it if it is not shown; None: no number would
+    needed     number of trials that would decide it if it is not shown; None: unknown
     note       why there is no value; empty if there is one
     unit       unit of limit and values, as a text; none: radian or a fraction
     shown      value and limit by formula with their units, of a requirement that needs no trials
@@ -277,11 +277,9 @@ def verdict_notes(verified: Verification) -> list[str]:
     lines = list(dict.fromkeys(f"{row.name}: {row.statistic}" for row in rows if row.trials))
     lines += [f"{row.condition}: {row.note}" for row in rows if row.note]
     lines += [f"not judged: {reason}" for reason in verified.left]
-    sizes, alpha = ", ".join(map(str, verified.looks.sizes)), 100 * verified.looks.alpha
     lines.append(
-        f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
-        f"probability of at most {alpha:g} %. Errors in arcsec, availability in %; margins are "
-        "fractions of the limits, the margin of stars is in mag."
+        f"{verified.looks.words}. Errors in arcsec, availability in %; margins are fractions of "
+        "the limits, the margin of stars is in mag."
     )
     return lines
 
@@ -318,5 +316,6 @@ def answer_text(verdict: Verdict) -> str:
     """The answer as a word; if it is not shown, also the number of trials that would decide it."""
     if verdict.trials is None or verdict.answer is not Answer.NOT_SHOWN:
         return verdict.answer.in_capitals
-    enough = f"about {verdict.needed} trials" if verdict.needed else "no number of trials"
-    return f"{verdict.answer.in_capitals}: {enough} would do"
+    if not verdict.needed:
+        return f"{verdict.answer.in_capitals}: these trials do not tell how many would do"
+    return f"{verdict.answer.in_capitals}: about {verdict.needed} trials would do"

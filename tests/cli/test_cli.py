@@ -587,7 +587,7 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
     assert len((out / "evaluations.csv").read_text().splitlines()) == result["evaluations"] + 1
     text = (out / "comparison.md").read_text()
     assert text.startswith(("Better by a factor of ", "No design that was found is better"))
-    assert ("NOT MET, the least violated first" in text.splitlines()[0]) == (status == 3)
+    assert ("NOT MET, the worst first" in text.splitlines()[0]) == (status == 3)
     assert "| start | best |" in text
     assert cv2.imread(str(out / "convergence.png")) is not None
     best = load_design(out / "best.toml")
@@ -753,3 +753,26 @@ def test_a_saturation_of_empty_pixels_is_refused():
         Refused, match=r"saturation must be above instrument.detector.offset \(64\)"
     ):
         load_design(EXAMPLE, ["tracker.detection.saturation=64"])
+
+
+def test_a_saturated_frame_is_called_so(capsys, tmp_path):
+    """Twilight fills the pixels of `noise_only`."""
+    bright = ["--set", "scene.background_g=5", "--out", str(tmp_path)]
+    assert main(["simulate", "noise_only", *bright]) == 0
+    assert "all pixels have the number" in capsys.readouterr().out.splitlines()[0]
+
+
+def test_a_design_without_an_attitude_is_not_sampled_and_the_reason_is_told(call, tmp_path):
+    bright = "--set", "scene.background_g=5"
+    status, _, err = call("sample", "noise_only", *bright, "--out", tmp_path, "--workers", 1)
+    assert status == 1
+    assert "must work to be sampled around" in err
+    assert "saturates the pixels" in err
+
+
+def test_two_trials_do_not_tell_how_many_decide(capsys):
+    design = ["noise_only", "--set", "campaign.requirements.max_across=5 arcsec"]
+    assert main(["verify", *design, "--fidelity", "covariance", "--trials", "2"]) == 3
+    out = capsys.readouterr().out
+    assert "these trials do not tell how many would do" in out
+    assert "tested at 2 trials; " in out

@@ -77,7 +77,7 @@ def test_a_value_at_a_limit_is_the_first_line(design, tmp_path, capsys):
                 *("solve-for", "noise_only", "instrument.optics.f_number=1..2"),
                 *("--until", "across=-1 arcsec"),
             ],
-            "until 'across=-1 arcsec': max_across must be positive",
+            "until 'across=-1 arcsec': the limit must be positive",
         ),
         (["solve-for", "noise_only", "a", "--until", "mass"], "must have a range, as KEY=A..B"),
     ],

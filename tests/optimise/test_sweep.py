@@ -325,7 +325,7 @@ def test_limits_and_keys_that_are_none_are_refused(path):
         ("mass=", "a limit must have a value"),
         ("both=3 arcsec", "a limit must be of"),
         ("nothing", "or a margin of the design"),
-        ("across=3 kg", "max_across must have a unit that converts to rad"),
+        ("across=3 kg", "the limit must have a unit that converts to rad"),
     ):
         with pytest.raises(Refused, match=words):
             startrack.solve_for(path, f"{F_NUMBER}=1.2..1.8", until, points=2)

@@ -12,6 +12,7 @@ from scipy.stats.mstats import hdquantiles
 from startrack.core import YEAR, arcsec
 from startrack.design import (
     Campaign,
+    Condition,
     DesignSpace,
     Fidelity,
     Moment,
@@ -27,6 +28,7 @@ from startrack.metrics import Interval, quantile_of_few
 from startrack.optimise import (
     TrialRunner,
     allocation,
+    budgets,
     evaluate,
     expected_objective,
     halved,
@@ -34,6 +36,7 @@ from startrack.optimise import (
     optimum_caveats,
 )
 from startrack.optimise.budgets import without_units
+from startrack.optimise.forecast import expect
 from startrack.optimise.units import compare_units, without_noise
 from startrack.trial import OUTCOMES, left_out
 
@@ -234,3 +237,19 @@ def test_a_runner_computes_again_what_it_no_longer_recalls():
     runner.recall(double, range(100, 200))
     assert runner.recall(double, [1]) == [2]
     assert computed.count(1) == 2
+
+
+def test_the_reason_for_a_missing_forecast_needs_no_second_budget(monkeypatch):
+    """Twilight saturates the pixels."""
+    bright = Condition("bright", background_g=8.0, max_across=2 * arcsec)
+    asked, unit_budgets = [], budgets.unit_budgets
+
+    def counted(case, *values, **named):
+        asked.append(case.scene.background_g)
+        return unit_budgets(case, *values, **named)
+
+    monkeypatch.setattr(budgets, "unit_budgets", counted)
+    budgets.budgets_of_units.cache_clear()
+    expected = expect(TURNED, replace(CAMPAIGN, conditions=(bright,)))
+    assert "saturates" in expected.refused["bright"]
+    assert len(asked) == len(set(asked)) == 2

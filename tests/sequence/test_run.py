@@ -467,3 +467,23 @@ def test_frames_of_all_heads_are_kept(small, tmp_path):
     assert first["CRVAL1"] != second["CRVAL1"]
     assert first["DATE-OBS"] == second["DATE-OBS"]
     assert first["DATE-OBS"][:10] != "2026-03-20"
+
+
+def test_without_an_attitude_nothing_is_lost_and_no_error_is_the_worst(lost):
+    blind = lost.copy()
+    blind["mode"] = Mode.SEARCHING
+    for axis in AXES:
+        blind[f"filtered_{axis}"] = blind[f"error_{axis}"] = math.nan
+    tracking = summarise_sequences(blind)
+    assert math.isnan(tracking.worst)
+    assert math.isnan(tracking.losses_per_hour.value)
+    assert tracking.known.value == tracking.beyond.value == 0
+
+
+def test_equal_sequences_do_not_bound_a_fraction_exactly(lost):
+    """Of two sequences, both with three quarters of their frames."""
+    pair = np.concatenate([lost[lost["sequence"] == 0]] * 2)
+    pair["sequence"] = np.repeat([0, 1], len(pair) // 2)
+    known = summarise_sequences(pair).known
+    assert 0 < known.low < known.value < known.high < 1
+    assert known.low == pytest.approx(known.value * 0.025**0.5)

@@ -168,3 +168,8 @@ def test_more_trials_are_asked_for_than_did_not_show_it(trials):
             bounds = claim.bounds(table[:needed], NOWHERE, *tails)
             shown += claim.answer(bounds) is not Answer.NOT_SHOWN
     assert shown >= 7
+
+
+def test_looks_are_told_in_words():
+    assert Looks(100, 400).words.startswith("tested at 100, 200 and 400 trials until decided; ")
+    assert Looks(2, 2).words.startswith("tested at 2 trials; ")
