@@ -3,7 +3,7 @@ it."""
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -22,7 +22,6 @@ FRACTION = 0.996  # of the light along one axis that a window must hold to lose 
 LARGEST = 15  # pixel, half side of a window
 
 
-@lru_cache(maxsize=64)
 def gaussian_psf(sigma: float) -> Psf:
     """A Gaussian star of `sigma` pixel, integrated over pixels; for trackers without a PSF."""
     samples = OVERSAMPLING * max(1, math.ceil(0.5 / sigma))

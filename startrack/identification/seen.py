@@ -1,7 +1,6 @@
 """Spots in the image plane of the believed camera, and the stars expected in the image."""
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +72,6 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     return _see(plane, chosen, spots.covariance, flux, snr, border, focal, *accuracy)
 
 
-@lru_cache(maxsize=64)
 def _border(camera: Camera) -> Border:
     """Border of a distorted image in the image plane, from 16 places along each edge."""
     share = np.linspace(0, 1, 16)

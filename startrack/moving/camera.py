@@ -162,7 +162,6 @@ def frame_nodes(moved: ImageMotion) -> tuple[Floats, Floats]:
     return node, weight / 2
 
 
-@lru_cache(maxsize=32)
 def frame_times(moved: ImageMotion) -> Floats:
     """Second (images, frames, nodes) within all exposures, from the middle of all."""
     own, exposure = moved.moving_object, moved.exposure
@@ -198,7 +197,6 @@ def _gravity(psf: Psf, smear: Floats) -> Floats:
     return np.maximum.accumulate(np.array(seen), axis=1) + FLAT * PLACES
 
 
-@lru_cache(maxsize=32)
 def _rest(moved: ImageMotion) -> tuple[Floats, Floats]:
     """Realisations of the motion: `rest` and `within` as in `MovingCamera`."""
     _, weight = frame_nodes(moved)

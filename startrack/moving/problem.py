@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -233,7 +233,6 @@ def bright_object(design: MovingDesign, field: SearchedField) -> SeenObject:
     return SeenObject(images, maps.clean, score, place, at[2:])
 
 
-@lru_cache(maxsize=256)
 def run_moving_trial(
     design: MovingDesign, seed: int, number: int
 ) -> tuple[float, tuple[float, float]]:

@@ -1,7 +1,6 @@
 """Diffraction of any pupil by fast transforms; closed forms of an ideal lens, a blur, a pixel."""
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from scipy import fft, special
@@ -34,7 +33,7 @@ def intensity(pupil: Floats, phase: Floats, coordinate: Floats, field: Floats) -
     Returns     (m, m), rows along y
     Accuracy    numerical: 1e-13 of the peak, without the error of sampling; see `pupil_samples`.
     """
-    cosine, sine = _waves(coordinate.tobytes(), field.tobytes())
+    cosine, sine = _waves(coordinate, field)
     parts = _fold(pupil, phase)
     half, width = len(coordinate) // 2, len(field) // 2 + 1
     # After the rows: [x even or odd][re, im] over (v, x). Then the columns.
@@ -46,11 +45,9 @@ def intensity(pupil: Floats, phase: Floats, coordinate: Floats, field: Floats) -
     return _unfold(by_cosine.reshape(shape), by_sine.reshape(shape))
 
 
-@lru_cache(maxsize=32)
-def _waves(coordinate: bytes, field: bytes) -> tuple[Floats, Floats]:
+def _waves(coordinate: Floats, field: Floats) -> tuple[Floats, Floats]:
     """Cosines and sines between the positive halves of both grids: (m // 2 + 1, n // 2)."""
-    x, u = np.frombuffer(coordinate), np.frombuffer(field)
-    angle = np.pi * np.outer(u[len(u) // 2 :], x[len(x) // 2 :])
+    angle = np.pi * np.outer(field[len(field) // 2 :], coordinate[len(coordinate) // 2 :])
     return np.cos(angle), np.sin(angle)
 
 

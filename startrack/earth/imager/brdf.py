@@ -252,7 +252,6 @@ def kernel_albedos() -> tuple[Floats, Floats]:
     return out[0], out[1]
 
 
-@lru_cache(maxsize=8)
 def _wave_albedo(water: Water) -> Floats:
     """Fraction (91,) of light that waves mirror, for the Sun at each degree from the zenith.
 

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import field, replace
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -698,7 +697,6 @@ def load_imager(name: str, folder: Path = Path()) -> Imager:
     return from_table(Imager, _camera(name, folder))
 
 
-@cache
 def cameras() -> tuple[str, ...]:
     """The Earth cameras of the catalogue."""
     files = shipped("cameras").glob("*.toml")

@@ -1,7 +1,5 @@
 """Excess radiance of a cluster of pixels -> radiative power, temperature and area of its fire."""
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.constants import Stefan_Boltzmann
 
@@ -14,7 +12,6 @@ COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, range of retrieved temperatures
 STEPS = 331
 
 
-@lru_cache(maxsize=64)
 def power_coefficient(heat: ThermalRadiance) -> float:
     """The coefficient of the power law of a band's radiance over temperature.
 

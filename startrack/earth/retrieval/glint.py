@@ -6,7 +6,6 @@ in the waves. Its moments over normal slopes are derived without a series.
 """
 
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +52,6 @@ class _SlopeSpectrum(NamedTuple):
     slopes: Floats
 
 
-@lru_cache(maxsize=32)
 def _waves(sea: Sea, size: int, steps: tuple[float, float], shortest: float) -> _SlopeSpectrum:
     down, right = fft.fftfreq(size, steps[0])[:, None], fft.rfftfreq(size, steps[1])[None]
     frequency = np.stack(np.broadcast_arrays(down, right))
@@ -64,17 +62,10 @@ def _waves(sea: Sea, size: int, steps: tuple[float, float], shortest: float) -> 
     return _SlopeSpectrum(frequency, power, np.asarray(slopes))
 
 
-@lru_cache(maxsize=32)
 def glint_over(
-    rough: float,
-    along: float,
-    across: float,
-    sea: Sea,
-    size: int,
-    steps: tuple[float, float],
-    shortest: float,
+    rough: float, towards: Floats, sea: Sea, size: int, steps: tuple[float, float], shortest: float
 ) -> Glint:
-    """Statistics of the glint over waves whose slopes are normal; cached during a search.
+    """Statistics of the glint over waves whose slopes are normal.
 
     <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
 
@@ -84,14 +75,13 @@ def glint_over(
     Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
     of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
 
-    rough, along, across   those of the waves' `Mirror`: mean square of small slopes, Z
+    rough, towards         those of the waves' `Mirror`: mean square of small slopes, Z (2,)
     size, steps, shortest  points of a side of a grid, metre between them, metre of the waves
     """
     r = _waves(sea, size, steps, shortest).slopes
-    towards = np.array([along, across])
     slopes = r[:, :, 0, 0] + rough / 2 * np.eye(2)
     square = _product(slopes, r, towards) - 1
-    gain = np.linalg.solve(slopes, towards)
+    gain = np.asarray(np.linalg.solve(slopes, towards), np.float64)
     level = float(towards @ towards) / rough - float(towards @ gain) / 2
     mean = rough / 2 / math.sqrt(float(np.linalg.det(slopes))) * math.exp(level)
     return Glint(fft.fft2(square).real / size**2, gain, mean, slopes)
@@ -141,10 +131,9 @@ def scatter_of(
     Accuracy  model: `follows` is exact except for waves shorter than two points;
               `pairs` is of second order of b in the slopes.
     """
-    size, state = len(weight), (sea, len(weight), steps, shortest)
-    wave, g, own = _waves(*state), glint.gain, np.linalg.inv(glint.slopes)
-    m = (float(glint.slopes[0, 0]), float(glint.slopes[0, 1]), float(glint.slopes[1, 1]))
-    apart, everywhere = _growth(m, (float(towards[0]), float(towards[1])), *state)
+    size, g, own = len(weight), glint.gain, np.linalg.inv(glint.slopes)
+    wave = _waves(sea, size, steps, shortest)
+    apart, everywhere = _growth(glint.slopes, wave.slopes, towards)
     light = fft.fft2(weight).real / size**2
     slope = fft.rfft2(light * apart).real
     slope += (light * everywhere).sum((2, 3))[:, :, None, None]
@@ -157,18 +146,8 @@ def scatter_of(
     return Scatter(np.hstack([follows, opposite]), float(pairs))
 
 
-@lru_cache(maxsize=32)
-def _growth(
-    m: tuple[float, float, float],
-    towards: tuple[float, float],
-    sea: Sea,
-    size: int,
-    steps: tuple[float, float],
-    shortest: float,
-) -> tuple[Floats, Floats]:
+def _growth(slopes: Floats, r: Floats, z: Floats) -> tuple[Floats, Floats]:
     """Derivatives (2, 2, n, n) of <b b'> at two places with R between them, and with M."""
-    slopes, z = np.array([[m[0], m[1]], [m[1], m[2]]]), np.array(towards)
-    r = _waves(sea, size, steps, shortest).slopes
     plus, minus = (_inverse(slopes[:, :, None, None] + sign * r)[0] for sign in (1, -1))
     p, g = np.einsum("abxy,b->axy", plus, z), np.linalg.solve(slopes, z)
     pair, both = p[:, None] * p, _product(slopes, r, z)

@@ -455,7 +455,6 @@ def _converted(side: Side, light: Floats, normal: Floats) -> Floats:
     return np.minimum(step * numbers - dark, side.saturation)
 
 
-@lru_cache(maxsize=4)
 def _sobol(dimensions: int) -> Floats:
     """Points (n, d) of a Sobol sequence, within (0, 1)."""
     points = qmc.Sobol(dimensions, rng=Streams(1, 0)("nodes of land")).random(POINTS)
@@ -482,7 +481,6 @@ def _edges(side: Side, place: Floats) -> Floats:
     )
 
 
-@lru_cache(maxsize=1)
 def _edge_waves() -> tuple[Floats, Floats, Floats]:
     """Frequencies (f,) in cycle / pixel, places (p,) in pixel, and weights (p, f) of a transfer."""
     node, weight = np.polynomial.legendre.leggauss(NODES)

@@ -277,7 +277,6 @@ def observe_minerals(survey: Survey, own: Minerals, seed: int, number: int) -> O
     return Observed(mineral, temperature, emissivity, true, charge / device.electrons)
 
 
-@lru_cache(maxsize=8)
 def christiansen_of_library(own: Minerals) -> Floats:
     """Wavelength (k,) of the largest emissivity of each mineral, metre."""
     fine = np.arange(own.first, own.last, FINE)
@@ -410,7 +409,6 @@ def forecast_minerals(survey: Survey, own: Minerals) -> MineralForecast:
     return MineralForecast(error, float(weight @ (1 - right)), snr)
 
 
-@lru_cache(maxsize=8)
 def _normals(channels: int) -> Floats:
     """Nodes (d, c) of a normal distribution, in pairs of opposite sign."""
     half = Streams(1, 0)("nodes of spectra").standard_normal((DRAWS // 2, channels))

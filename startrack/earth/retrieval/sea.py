@@ -94,7 +94,6 @@ def _shape_integral(peakedness: float) -> float:
     return float(np.trapezoid(_shape(x, peakedness) * x, np.log(x)))
 
 
-@cache
 def _spread_integral(power: float) -> float:
     """Integral of |cos|^n over a turn."""
     return float(

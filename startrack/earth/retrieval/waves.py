@@ -340,9 +340,7 @@ def _noise(side: Side, radiance: float) -> float:
 def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -> _Transfer:
     """The waves of a sea in the images of a channel."""
     steps = side.along / RAYS, side.across / RAYS
-    glint = glint_over(
-        mirror.rough, *mirror.towards.tolist(), sea, own.size * RAYS, steps, _shortest(side)
-    )
+    glint = glint_over(mirror.rough, mirror.towards, sea, own.size * RAYS, steps, _shortest(side))
     # Waves too short for the grid of pixels appear as longer waves (aliasing).
     every = glint.spectrum * modes.fine**2
     folded = every.reshape(RAYS, own.size, RAYS, own.size).sum((0, 2))

@@ -150,12 +150,12 @@ def test_what_is_no_sea_is_refused():
 def drawn():
     """Random slopes (draws, 2, n, n) of a steep sea, and its statistics for an oblique Sun."""
     sea, size, step = Sea(2.0, 60.0, 0.4, 1.0, 2.0), 16, (10.0, 10.0)
-    towards, rough = (0.15, -0.06), 0.02
+    towards, rough = np.array([0.15, -0.06]), 0.02
     random = Streams(1, 1)("sea")
     draws = [draw_sea(sea, random, size, step, 20.0) for _ in range(4000)]
     level, slopes = np.array([draw[0] for draw in draws]), np.array([draw[1:] for draw in draws])
-    state = glint_over(rough, *towards, sea, size, step, 20.0)
-    return sea, step, np.array(towards), rough, state, level, slopes
+    state = glint_over(rough, towards, sea, size, step, 20.0)
+    return sea, step, towards, rough, state, level, slopes
 
 
 def test_brightness_varies_with_the_waves_as_drawn_seas_have_it(drawn):
