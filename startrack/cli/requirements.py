@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -44,77 +45,104 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the margins of a design and its error by the analytic budget."""
+    """Print the margins of a design, a scene or a search, by formula."""
     path = options.campaign or example()
-    match kind_of(path):
-        case kind if kind is SEARCH:
-            # Star trackers do not need this import.
-            problems = import_module("startrack.cli.problems")
-            return _study(options, problems.problem_of(path, options.set))
-        case kind if kind is SCENE:
-            return _scene(options, path)
-        case kind if kind is GOALS:
-            return _first_camera(options, path)
+    actions = {None: _tracker, SEARCH: _search, SCENE: _scene, GOALS: _first_camera}
+    return actions.get(kind_of(path), _tracker)(options, path)
+
+
+def _tracker(options: argparse.Namespace, path: Path) -> Exit:
+    """Print the margins of a star tracker and its error by the analytic budget."""
     design = read_design(path, options.set)
-    campaign = design.asked
+    campaign, case = design.asked, design.case
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     with as_wrong_use(path=path):
-        for branch in branches(design.case, campaign.choices):
+        for branch in branches(case, campaign.choices):
             bounds_of(branch.case, campaign.variables)
     needs, show = campaign.requirements, sections(options)
-    costs = {
-        "mass_kg": needs.mass(design.case),
-        "volume_m3": needs.volume(design.case),
-        "power_w": needs.power(design.case),
-        "data_rate_bit_per_s": needs.data_rate(design.case),
-        "cost": needs.cost(design.case),
-    }
-    show(_costs_answer(design.case, needs))
+    margins = cost_margins(needs, case)
+    result = {"design": str(path), "met": False, "margins": margins, **_costs(case, needs)}
+    show(_costs_answer(case, needs))
     try:
         with stage("error budget"):
-            expected, error = recalled(_expected)(design.case, campaign)
+            expected, error = recalled(_expected)(case, campaign)
     except Refused as blind:
         show(f"no forecast: {blind}")
-        if options.json:
-            margins = cost_margins(needs, design.case)
-            result = {"design": str(path), "met": False, "margins": margins, **costs}
-            print_result(options, result | {"refused": {NOMINAL: str(blind)}})
-        return Exit.UNSOLVED
-    budget, margins = expected.budget, expected.margins
-    objective = campaign.goal_of(design.case)
-    kept = sum(map(_met, margins.values()))
-    met = kept == len(margins)
-    result = {"design": str(path), "met": met, "margins": margins, **costs}
-    result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
-    result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
+        result |= {"refused": {NOMINAL: str(blind)}}
+    else:
+        result |= {"met": all(map(_met, expected.margins.values())), "margins": expected.margins}
+        result |= _forecast_values(campaign, case, expected, error)
+        _show_forecast(show, campaign, case, expected, error)
+    if options.json:
+        print_result(options, result)
+    return Exit.DONE if result["met"] else Exit.UNSOLVED
+
+
+def _costs(case: Case, needs: Requirements) -> dict[str, float]:
+    return {
+        "mass_kg": needs.mass(case),
+        "volume_m3": needs.volume(case),
+        "power_w": needs.power(case),
+        "data_rate_bit_per_s": needs.data_rate(case),
+        "cost": needs.cost(case),
+    }
+
+
+def _forecast_values(
+    campaign: Campaign, case: Case, expected: ExpectedDesign, error: float
+) -> dict[str, Any]:
+    """The objective, the limits on errors, and what the formula leaves out, for JSON."""
+    values: dict[str, Any] = {
+        "objective": campaign.goal_of(case),
+        "expected_arcsec": error,
+        "stars": expected.budget.stars,
+        "not_counted": expected.budget.left_out,
+        "refused_as_hot_pixels": expected.budget.refused,
+        "refused": expected.refused,
+    }
     limits = {
         limit.name: {"limit_arcsec": limit.most / arcsec, "statistic": str(limit.objective)}
-        for limit in needs.accuracy
+        for limit in campaign.requirements.accuracy
     }
-    result |= {"accuracy": limits} if limits else {}
-    result |= {"refused": expected.refused}
+    return values | ({"accuracy": limits} if limits else {})
+
+
+def _show_forecast(
+    show: Callable[[str], None],
+    campaign: Campaign,
+    case: Case,
+    expected: ExpectedDesign,
+    error: float,
+) -> None:
+    """Print the objective, conditions without a forecast, and the margins with notes."""
+    needs, budget = campaign.requirements, expected.budget
     value = f"{error:.3f} arcsec, by formula" if math.isfinite(error) else "no forecast"
-    show(f"{objective}: {value}; {kept} of {len(margins)} requirements met")
-    for sentence in refusal(design.case, budget.refused):
+    kept = sum(map(_met, expected.margins.values()))
+    show(f"{campaign.goal_of(case)}: {value}; {kept} of {len(expected.margins)} requirements met")
+    for sentence in refusal(case, budget.refused):
         show(sentence)
     for condition, reason in expected.refused.items():
         show(f"no forecast in the condition {condition}: {reason}")
-    show("\n".join(aligned([HEADING, *_rows(design.case, needs, expected)], (0, 4))))
+    show("\n".join(aligned([HEADING, *_rows(case, needs, expected)], (0, 4))))
     lines = [
         *(
-            f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
-            for name, limit in limits.items()
+            f"{limit.name} is limited to {limit.most / arcsec:g} arcsec, {limit.objective}"
+            for limit in needs.accuracy
         ),
         f"Errors and availability by the analytic budget, with {budget.stars:.1f} stars. Margins "
         "are fractions of the limits; the margin of stars is in mag: detection limit minus the "
         f"limit for {needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky.",
-        *caveats(design.case, budget.left_out),
+        *caveats(case, budget.left_out),
     ]
     show("\n".join(lines))
-    if options.json:
-        print_result(options, result)
-    return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _search(options: argparse.Namespace, path: Path) -> Exit:
+    """Print the objective and the margins of a search for moving objects."""
+    # Star trackers do not need this import.
+    problems = import_module("startrack.cli.problems")
+    return _study(options, problems.problem_of(path, options.set))
 
 
 def _expected(case: Case, campaign: Campaign) -> tuple[ExpectedDesign, float]:
@@ -206,7 +234,7 @@ def _study(options: argparse.Namespace, problem: Problem) -> Exit:
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def _first_camera(options: argparse.Namespace, path: Path) -> int:
+def _first_camera(options: argparse.Namespace, path: Path) -> Exit:
     """Print the parameters of the smallest camera that meets a file of goals."""
     file = shipped_by_name(path, [GOALS.folder])
     with as_wrong_use(path=file):
@@ -218,7 +246,7 @@ def _first_camera(options: argparse.Namespace, path: Path) -> int:
     return Exit.DONE
 
 
-def _scene(options: argparse.Namespace, path: Path) -> int:
+def _scene(options: argparse.Namespace, path: Path) -> Exit:
     """Print the figures of each channel of a scene, and the margins of its retrieval, if any."""
     file, status = shipped_by_name(path, [SCENE.folder]), Exit.DONE
     with as_wrong_use(path=file):
