@@ -324,6 +324,7 @@ def rendered(options: argparse.Namespace) -> int:
             "CHANNEL": channel.name,
             "SEED": options.seed,
             "CAMERA": (product.camera_id(channel), "parameters of the channel"),
+            **product.scene_ids(survey),
         }
         with whole(fits) as draft, progress(channel.name, lines) as advance:
             picture = imager.open_fits(draft, lines, columns, cards)
@@ -504,7 +505,7 @@ def processed(options: argparse.Namespace) -> int:
     products = []
     for channel in survey.channels:
         with as_wrong_use(ValueError, FileNotFoundError):
-            raw = product.read_raw(options.raw / f"{channel.name}.fits", channel)
+            raw = product.read_raw(options.raw / f"{channel.name}.fits", channel, survey)
             frames = product.read_calibration(
                 options.raw / f"{channel.name}-calibration.fits", channel
             )
@@ -514,6 +515,7 @@ def processed(options: argparse.Namespace) -> int:
             )
         files = _save_product(options.out, path, channel, mapped, settings)
         result = _product_values(channel.name, mapped, settings, raw.truth) | files
+        result["differs"] = list(raw.differs)
         print_result(options, result, *_product_text(result, mapped))
         picture = options.raw / f"{channel.name}.png"
         products.append(result | ({"image": picture} if picture.is_file() else {}))
@@ -608,10 +610,14 @@ def spectrum(options: argparse.Namespace) -> int:
         f"{band['radiance']:.4g} W / m^2 / sr / um"
         for band in bands
     ]
-    if not bands:
-        names = ", ".join(channel.name for channel in survey.channels)
-        lines = [f"no band ({names}) lies within {options.low:g} to {options.high:g} nm"]
-    result = {"bands": bands, "csv": str(csv), "png": str(png)}
+    shown = {band.name for band in found.bands}
+    outside = [channel.name for channel in survey.channels if channel.name not in shown]
+    if outside:
+        lines.append(
+            f"without a rectangle: {', '.join(outside)}, not within {options.low:g} to "
+            f"{options.high:g} nm (--low, --high), or thermal"
+        )
+    result = {"bands": bands, "outside": outside, "csv": str(csv), "png": str(png)}
     print_result(options, result, *lines, f"wrote {csv} and {png}")
     return Exit.DONE
 
@@ -621,7 +627,7 @@ def air(options: argparse.Namespace) -> int:
     geometry = RunGeometry(*(getattr(options, name) for name in RunGeometry._fields))
     dark, bright = options.albedo
     with as_wrong_use(ValueError, FileNotFoundError):
-        count = import_tape7(
+        wavelengths = import_tape7(
             (options.first, options.second),
             (dark, bright),
             options.out,
@@ -631,8 +637,9 @@ def air(options: argparse.Namespace) -> int:
         )
     print_result(
         options,
-        {"wavelengths": count, "table": str(options.out)},
-        f'wrote {options.out}: {count} wavelengths; name it by [air] table = "{options.out}"',
+        {"wavelengths": len(wavelengths), "table": str(options.out)},
+        f"wrote {options.out}: {len(wavelengths)} wavelengths from {wavelengths[0] / um:.4g} to "
+        f'{wavelengths[-1] / um:.4g} um; name it by [air] table = "{options.out}"',
     )
     return Exit.DONE
 
@@ -689,6 +696,11 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
         f"mean      {layers}",
         f"quality   {flags}",
         *truth,
+        *(
+            f"OTHER {part.upper():8} the scene's {part} is not that of the raw image, and the "
+            "product uses the scene's"
+            for part in result["differs"]
+        ),
         *(
             f"u({layer})  " + ", ".join(f"{cause} {value:.2g}" for cause, value in causes.items())
             for layer, causes in result["uncertainty"].items()

@@ -116,6 +116,11 @@ def _products(products: Sequence[Mapping[str, Any]]) -> str:
         head = ("channel", "mean radiance (%)", "rms of the pixels (%)")
         caption = "Difference from the truth; the rms includes noise and blurred edges"
         parts.append(table(caption, head, truth))
+    parts += [
+        paragraph(f"{product['channel']}: the raw image was rendered with another {part}.")
+        for product in products
+        for part in product.get("differs", ())
+    ]
     for product in products:
         unit = "degree" if product["projection"].endswith(":4326") else "m"
         caption = (

@@ -180,7 +180,9 @@ def test_a_scene_without_a_camera_has_the_default_sensor(undrawn, tmp_path, caps
 def test_bands_outside_the_spectrum_are_named(undrawn, tmp_path, capsys):
     assert main(["earth", "spectrum", "hsrs", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("no band (mir, tir) lies within 400 to 1000 nm")
+    assert said.startswith("without a rectangle: mir, tir, not within 400 to 1000 nm")
+    assert main(["earth", "spectrum", "sentinel2-msi", "--out", str(tmp_path)]) == 0
+    assert "without a rectangle: B10, B11, B12, not within" in capsys.readouterr().out
 
 
 def test_the_geometry_of_a_scene_with_channels_is_that_of_the_first(undrawn, tmp_path, capsys):
@@ -214,7 +216,7 @@ def test_output_of_modtran_becomes_a_table_that_a_scene_names(tmp_path, capsys):
     more = ["--albedo", "0.1", "0.5", "--out", str(out)]
     assert main([*runs, *more, "--sun-zenith", "30"]) == 0
     assert main([*runs, *more, "--sun-zenith", "50", "--add"]) == 0
-    assert "11 wavelengths" in capsys.readouterr().out
+    assert "11 wavelengths from 0.5 to 0.6 um" in capsys.readouterr().out
     assert len(out.read_text().splitlines()) == 23
     for wrong, words in (
         (["--albedo", "0", "0.5"], "albedos must be two different numbers"),

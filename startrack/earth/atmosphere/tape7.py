@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ END = -9999.0  # marks the end of rows
 SPECTRAL = ("cm-1", "nm", "um")  # units of the first column
 THERMAL = 5 * um  # from this wavelength on, the ground's reflected light counts as heat of the sky
 UNITS = "W / (m2 sr um)"
+ROUNDED = 0.01  # relative, of printed numbers of three digits
 
 
 class RunGeometry(NamedTuple):
@@ -56,7 +58,7 @@ def import_tape7(
     geometry: RunGeometry | None = None,
     unit: str = "cm-1",
     add: bool = False,
-) -> int:
+) -> Floats:
     """Turn two runs over grounds of different albedo into rows of a user's table.
 
     G is the light that the ground reflects to the sensor (GRND_RFLT), r the albedo:
@@ -76,9 +78,9 @@ def import_tape7(
     unit      of the first column: "cm-1" (tape7; radiance in W / cm2 / sr / cm-1), "nm" (tape7.scn;
               uW / cm2 / sr / nm) or "um" (tape7.scn; W / cm2 / sr / um)
     add       whether rows are added to an existing file
-    Returns   number of wavelengths
-    Raises    ValueError with the file where it is not such an output, the runs differ, or the
-              resulting table is not valid.
+    Returns   wavelengths, metre
+    Raises    ValueError with the file where it is not such an output, the runs differ, their
+              ground does not reflect as the albedos say, or the resulting table is not valid.
     Accuracy  model: the thermal path radiance is taken from the run of smaller albedo. It contains
               ground radiance that the air scatters.
     """
@@ -94,6 +96,7 @@ def import_tape7(
     place = dark["wavelength"]
     if len(place) != len(bright["wavelength"]) or not np.allclose(place, bright["wavelength"]):
         raise Refused(f"{runs[0]} and {runs[1]} must have the same wavelengths")
+    _require_rise(runs, dark, bright, low, high)
     columns = _solved(dark, bright, low, high)
     given = {} if geometry is None else geometry._asdict()
     axes = {name: value for name, value in given.items() if value is not None}
@@ -112,6 +115,11 @@ def import_tape7(
         first = before.splitlines()[0]
         if first != head:
             raise Refused(f"{out} must have the columns {head} to add rows, has {first}")
+        width = 1 + len(axes)  # wavelength and geometry
+        there = {tuple(line.split(",")[:width]) for line in before.splitlines()}
+        if twice := [line for line in lines if tuple(line.split(",")[:width]) in there]:
+            row = ", ".join(twice[0].split(",")[:width])
+            raise Refused(f"{out} must have each geometry once, has {row} already")
     rows = "\n".join(lines) + "\n"
     with whole(out) as draft:
         draft.write_text(f"{head}\n{rows}", encoding="utf-8")
@@ -120,7 +128,23 @@ def import_tape7(
         except Refused as error:
             raise Refused(str(error).replace(str(draft), str(out))) from None
         draft.write_text((before or f"{head}\n") + rows, encoding="utf-8")
-    return len(place)
+    return place
+
+
+def _require_rise(
+    runs: tuple[Path, Path],
+    dark: Mapping[str, Floats],
+    bright: Mapping[str, Floats],
+    low: float,
+    high: float,
+) -> None:
+    """Light that the air sends back to the ground raises GRND_RFLT / albedo with the albedo."""
+    over = [float((run["reflected"] / r).sum()) for run, r in ((dark, low), (bright, high))]
+    if over[1] < (1 - ROUNDED) * over[0]:
+        raise Refused(
+            f"albedos must be those of {runs[0]} and {runs[1]}: GRND_RFLT / albedo must not fall "
+            f"with the albedo, got a factor of {over[1] / over[0]:.3g} from {low:g} to {high:g}"
+        )
 
 
 def _solved(

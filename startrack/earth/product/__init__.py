@@ -21,6 +21,7 @@ from startrack.earth.product.files import (
     read_calibration,
     read_raw,
     save_calibration,
+    scene_ids,
     write_product,
     write_quality,
 )

@@ -13,13 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance, write_bands
+from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance, Survey, write_bands
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
 from startrack.earth.product.retrieval import RadiometricCalibration
 from startrack.earth.terrain import require_rasterio
 from startrack.io import open_checked, regular_file, to_table, whole
 
 FORMAT = 1  # format of the file of calibration frames
+# Keys of a scene that a product uses beside its camera, by the card of a raw image that has their
+# hash.
+USED = {
+    "FLIGHT": ("orbit", "tle", "aircraft", "pointing"),
+    "TERRAIN": ("terrain",),
+    "AIR": ("air", "clouds", "sun_distance"),
+}
 
 
 class RawImage(NamedTuple):
@@ -28,10 +35,12 @@ class RawImage(NamedTuple):
     numbers  (lines, columns) digital number
     truth    (lines, columns) watt / m^2 / sr / um, sum of the five terms; None if the file has no
              terms
+    differs  parts of the scene, of flight, terrain and air, that the image was not rendered with
     """
 
     numbers: NDArray[np.integer]
     truth: Floats | None
+    differs: tuple[str, ...]
 
 
 def camera_id(channel: Channel) -> str:
@@ -42,12 +51,22 @@ def camera_id(channel: Channel) -> str:
     )
     if channel.detector.scan:
         channel = replace(channel, detector=replace(channel.detector, rows=1))
-    text = json.dumps(to_table(channel), sort_keys=True)
+    return _hash(to_table(channel))
+
+
+def scene_ids(survey: Survey) -> dict[str, str]:
+    """Hashes of a scene's flight, terrain and air, by the names of cards."""
+    table = to_table(survey)
+    return {card: _hash({key: table.get(key) for key in keys}) for card, keys in USED.items()}
+
+
+def _hash(table: Mapping[str, Any]) -> str:
+    text = json.dumps(table, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def read_raw(path: Path, channel: Channel) -> RawImage:
-    """The raw image of a channel.
+def read_raw(path: Path, channel: Channel, survey: Survey) -> RawImage:
+    """The raw image of a channel of a scene.
 
     Raises  FileNotFoundError; ValueError if the file is not a raw image, is damaged, or has
             another camera or size.
@@ -66,7 +85,12 @@ def read_raw(path: Path, channel: Channel) -> RawImage:
         truth = None
         if set(ABOUT) <= names:
             truth = reduce(np.add, (parts[name].data.astype(np.float64) for name in ABOUT))
-        return RawImage(first.data.astype(np.int32), truth)
+        differs = tuple(
+            card.lower()
+            for card, wanted in scene_ids(survey).items()
+            if first.header.get(card, wanted) != wanted
+        )
+        return RawImage(first.data.astype(np.int32), truth, differs)
 
 
 def save_calibration(path: Path, calibration: RadiometricCalibration, channel: Channel) -> None:

@@ -323,7 +323,8 @@ def test_two_runs_of_modtran_give_back_the_terms(tmp_path, titles):
     runs = run(tmp_path / "a.tp7", 0.1, titles), run(tmp_path / "b.tp7", 0.6, titles)
     out = tmp_path / "air.csv"
     for n, sun in enumerate((20.0, 40.0)):
-        assert import_tape7(runs, (0.1, 0.6), out, RunGeometry(sun_zenith=sun), add=n > 0) == 5
+        found = import_tape7(runs, (0.1, 0.6), out, RunGeometry(sun_zenith=sun), add=n > 0)
+        assert len(found) == 5
     table = load_radiance_table(out)
     assert table.spectrum / um == pytest.approx([10000 / (14000 - 250 * n) for n in range(5)])
     assert table.sun / deg == pytest.approx([20, 40])
@@ -376,6 +377,14 @@ def test_wrong_runs_are_refused(tmp_path):
         Refused, match=r"wavelengths must lie in \[0\.2, 50\] um, got 1\.3e\+04 to 1\.4e\+04"
     ):
         import_tape7((first, second), (0.1, 0.6), out, unit="um")
+    for swapped in ((second, first), (first, first)):
+        with pytest.raises(Refused, match="GRND_RFLT / albedo must not fall with the albedo"):
+            import_tape7(swapped, (0.1, 0.6), out)
+    assert not out.exists()
+    import_tape7((first, second), (0.1, 0.6), out, RunGeometry(sun_zenith=20.0))
+    with pytest.raises(Refused, match=r"air\.csv must have each geometry once, has .*, 20 already"):
+        import_tape7((first, second), (0.1, 0.6), out, RunGeometry(sun_zenith=20.0), add=True)
+    out.unlink()
     (tmp_path / "c.tp7").write_text("nothing\n")
     with pytest.raises(Refused, match=r"c\.tp7 must be output of MODTRAN"):
         import_tape7((first, tmp_path / "c.tp7"), (0.1, 0.6), out)

@@ -273,6 +273,12 @@ def test_the_command_maps_what_was_rendered_and_refuses_the_rest(tmp_path, capsy
     (tmp_path / "scene.toml").write_text(SCENE.replace("lines = 30", "lines = 31"))
     refused("green.fits must have 24 x 31 pixel, as the scene says, got 24 x 30")
     (tmp_path / "scene.toml").write_text(SCENE)
+    assert told["differs"] == []
+    assert main([*process, "--set", "air.visibility=10km", "--set", "pointing.roll=1deg"]) == 0
+    text = capsys.readouterr().out
+    assert "OTHER FLIGHT" in text
+    assert "OTHER AIR" in text
+    assert "OTHER TERRAIN" not in text
     (raw / "green.fits").write_bytes(b"SIMPLE  = nonsense")
     refused("green.fits must be a raw image of startrack earth render, whole, got")
 
