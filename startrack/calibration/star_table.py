@@ -105,6 +105,7 @@ class StarTable:
     kind         one of KINDS, the original form of the directions
     left_out     rows without a finite number in each column
     columns      names of the columns, by their use
+    unused       other columns with usual names for one of these uses
     """
 
     direction: Floats
@@ -114,6 +115,7 @@ class StarTable:
     kind: str
     left_out: int = 0
     columns: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -174,7 +176,23 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     if good.sum() < 4:
         raise Refused(f"{path} must have at least 4 stars with all values, got {good.sum()}")
     table = StarTable(direction, pixel, temperature, sigma, kind).part(good)
-    return replace(table, left_out=int((~good).sum()), columns=used)
+    unused = _unused(bare, names, set(used.values()))
+    return replace(table, left_out=int((~good).sum()), columns=used, unused=unused)
+
+
+def _unused(bare: Mapping[str, str], names: Names, used: set[str]) -> tuple[str, ...]:
+    """Columns that would have had a use which no option gives, had others not come first."""
+    groups = list[tuple[str, ...]]()
+    if not names.directions:
+        groups += [pair for kind, pair in DIRECTIONS if names.kind in (None, kind)]
+    if not names.pixels:
+        groups += PIXELS
+    if names.temperature is None:
+        groups += [(name,) for name in TEMPERATURES]
+    if names.weight is None:
+        groups += [(name,) for name in (*WEIGHTS, *SIGMAS)]
+    others = [[bare[name] for name in group] for group in groups if set(group) <= set(bare)]
+    return tuple(dict.fromkeys(name for one in others if used.isdisjoint(one) for name in one))
 
 
 class _Column(NamedTuple):

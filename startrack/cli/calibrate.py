@@ -21,12 +21,13 @@ if wanted(__name__):
     from startrack.detection import Detection
     from startrack.identification import WIDEST_PINHOLE, Identification, PatternIndexes
     from startrack.io import field_hint, finite, save_json
-    from startrack.optimise import Ledger, chain_text, chain_values, thinned
+    from startrack.optimise import Ledger, chain_text, chain_values
     from startrack.photograph import PhotographView, solve_photograph
     from startrack.trial import lost_in_space
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
+OUTSIDE = 1.0  # pixel, largest distance of a star from the centres of the array's pixels
 PINHOLE = "columns", "rows", "focal_length_px", "k1", "k2", "p1", "p2"
 ORDER = "name", "distortion", "temperature_terms", "unknowns"  # fields of the chosen camera
 ROUNDS = 3  # rounds: a better camera model matches more stars
@@ -253,9 +254,7 @@ def _posterior(
         name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
     ]
     title = f"camera of {len(frames)} images: {said}"
-    plots.draw_corner(
-        options.posterior / "corner.png", thinned(posterior.samples, 2000), labels, title
-    )
+    plots.draw_corner(options.posterior / "corner.png", posterior.samples, labels, title)
     lines = ["", "posterior: median and 95 % interval"]
     for name in posterior.names:
         middle, low, high = posterior.interval(name)
@@ -300,7 +299,7 @@ def _calibrate_table(options: argparse.Namespace) -> int:
     if options.fitted:
         return _as_fitted(options, path)
     with shared.as_wrong_use(ValueError, OSError):
-        table = calibration.read_star_table(path, _names(options))
+        table = _read(options, path)
         columns, rows, first = _array(options, table)
         orders = calibration.orders_of(
             table, options.distortion or "auto", WARM[options.temperature_terms]
@@ -335,7 +334,7 @@ def _as_fitted(options: argparse.Namespace, path: Path) -> int:
         raise WrongUse("--fitted must come without --camera and --distortion: it fits no camera")
     camera = terminal.read_camera(options.fitted)
     with shared.as_wrong_use(ValueError, OSError):
-        table = calibration.read_star_table(path, _names(options))
+        table = _read(options, path)
         columns, rows, first = _array(options, table)
         if options.size is None:
             # Coordinates from the middle or from the first pixel of the camera's array.
@@ -364,6 +363,18 @@ def _residual_text(values: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _read(options: argparse.Namespace, path: Path) -> calibration.StarTable:
+    """A table of stars; columns that might have been meant instead are printed."""
+    table = calibration.read_star_table(path, _names(options))
+    if table.unused:
+        terminal.print_message(
+            f"startrack calibrate: {path} is read by its columns "
+            f"{', '.join(table.columns.values())}, and not by {', '.join(table.unused)}; "
+            "--directions, --pixels, --temperature and --weight choose"
+        )
+    return table
+
+
 def _names(options: argparse.Namespace) -> calibration.Names:
     def listed(text: str | None) -> tuple[str, ...]:
         return tuple(name.strip() for name in text.split(",")) if text else ()
@@ -390,6 +401,14 @@ def _array(
         if not (number.is_integer() and 1 <= number <= 2**20):
             raise ValueError(f"--size must be whole numbers from 1 to 1048576, got {number:g}")
     first = _pair("0,0" if options.first_pixel is None else options.first_pixel, "--first-pixel")
+    beyond = np.maximum(first - table.pixel, table.pixel - first - np.subtract(size, 1))
+    star = int(beyond.max(axis=1).argmax())
+    if beyond[star].max() > OUTSIDE:
+        x, y = table.pixel[star]
+        raise ValueError(
+            f"--size must hold all stars of the table, got {options.size} with the first pixel at "
+            f"{first[0]:g},{first[1]:g} and a star at {x:g},{y:g}"
+        )
     return int(size[0]), int(size[1]), first
 
 
@@ -418,6 +437,7 @@ def _fit_values(
         "rows_left_out": table.left_out,
         "outliers": int((~used).sum()),
         "columns_used": dict(table.columns),
+        "columns_unused": list(table.unused),
         "first_pixel": list(first),
         "camera": {name: getattr(camera, name) for name in PINHOLE} | {"polynomial": shown},
         "table_to_camera_xyzw": [float(x) for x in fit.attitude.as_quat(canonical=True)],

@@ -108,9 +108,13 @@ def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | N
     settings, psf = detection.Detection(), None
     if options.set and not options.design:
         raise WrongUse("--set must be given with --design")
+    if options.threshold is not None and options.false is not None:
+        raise WrongUse("--threshold must come without --false, which sets the threshold")
     if options.design:
         case = read_design(options.design, options.set).case
         settings, psf = case.tracker.detection, psf_of(case.instrument)
+    if options.threshold is not None:  # replaces a threshold that the design gives either way
+        settings = replace(settings, false_per_frame=None)
     given = {
         "threshold": options.threshold,
         "false_per_frame": options.false,

@@ -91,3 +91,13 @@ def test_a_spreadsheet_of_europe_is_read(tmp_path):
     rows = ["ra;dec;x;y", *(f"{a!r};{b!r};{c!r};{d!r}" for a, b, c, d in ROWS)]
     path.write_text("\r\n".join(rows).replace(".", ","), encoding="utf-8-sig")
     np.testing.assert_allclose(read_star_table(path).direction, VECTOR, atol=1e-12)
+
+
+def test_columns_that_might_have_been_meant_are_named(tmp_path):
+    frame = PLAIN | {"column": X + 5, "row": Y + 5, "sigma": 1 + 0 * X, "weight": 1 + 0 * X}
+    path = tmp_path / "a.csv"
+    Table(frame).write(path, format="csv")
+    table = read_star_table(path)
+    assert table.columns["column"] == "column"
+    assert table.unused == ("x", "y", "sigma")
+    assert read_star_table(path, Names(pixels=("x", "y"), weight="sigma")).unused == ()

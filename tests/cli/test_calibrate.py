@@ -84,3 +84,17 @@ def test_an_image_of_another_size_is_refused(calibrated, tmp_path, capsys):
     other.write_text(camera.read_text().replace("columns = ", "columns = 1"))
     assert main(["solve", str(frame), "--camera", str(other)]) == 1
     assert "pixels of the camera" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("shift", [0, -600])
+def test_stars_outside_the_stated_array_are_refused(tmp_path, capsys, shift):
+    """An array that is too small, and coordinates from its middle."""
+    path = tmp_path / "stars.csv"
+    places = [(x, y) for x in range(0, 1200, 200) for y in range(0, 1200, 200)]
+    rows = [f"{(x - 600) / 50},{(y - 600) / 50},{x + shift},{y + shift}" for x, y in places]
+    path.write_text("\n".join(["x_angle_arcmin,y_angle_arcmin,column,row", *rows]) + "\n")
+    size = "1201,1201" if shift else "600,1201"
+    assert main(["calibrate", str(path), "--size", size, "--distortion", "none"]) == 2
+    assert f"--size must hold all stars of the table, got {size}" in capsys.readouterr().err
+    good = [f"--first-pixel={shift},{shift}", "--size", "1201,1201"]
+    assert main(["calibrate", str(path), *good, "--distortion", "none"]) == 0

@@ -94,3 +94,16 @@ def test_wrong_images_and_settings_have_a_message(image, tmp_path, capsys):
     first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
     assert (first["status"], second["status"]) == ("failed", "done")
     assert main(["detect", str(image), "--flat", str(tmp_path / "none.png")]) == 2
+    assert main(["detect", str(image), "--false", "0.05", "--threshold", "8"]) == 2
+    assert "--threshold must come without --false" in capsys.readouterr().err
+
+
+def test_a_threshold_replaces_the_false_spots_of_a_design(image, capsys):
+    from startrack.cli.terminal import example
+
+    arguments = ["detect", str(image), "--json", "--design", str(example())]
+    limits = []
+    for more in ([], ["--set", "tracker.detection.false_per_frame=1"]):
+        assert main([*arguments, *more, "--threshold", "7"]) == 0
+        limits.append(json.loads(capsys.readouterr().out)["expected_false"])
+    assert limits[0] == limits[1] < 1e-3
