@@ -25,7 +25,7 @@ declare = Options(
     "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
     "parts. Parts of another design, seed, sampling or version are refused. Trials in several "
     "stores are kept once and reported; different outcomes are refused. Sketches with a common "
-    "trial are refused. Missing trials, from number 0 on, are refused without --missing.",
+    "trial are refused. Missing trials, from number 0 on, are refused without --partial.",
     Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
     Option("--out FILE", "file to write, of the same kind", Path, required=True),
     Option(

@@ -26,7 +26,7 @@ if wanted(__name__):
     from startrack.cli.merge import sketch_rows
     from startrack.cli.not_known import draws_of, errors_over_unknowns, units_over_unknowns
     from startrack.cli.units import require_units, trials_of
-    from startrack.core import Floats, Rows, arcsec, parse
+    from startrack.core import Floats, Rows, arcsec
     from startrack.design import Accuracy, Case, Design, Fidelity, Requirements
     from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
@@ -345,7 +345,7 @@ def _run(
             for block in store.done()
         )
         if before:
-            terminal.print_message(f"{where} has {before} trials; continuing")
+            terminal.print_message(f"{where} has {before} of these trials; continuing")
         with (
             terminal.progress("trials", options.trials) as advance,
             montecarlo.Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -485,7 +485,8 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
         units: AsDesigned | Units = AS_DESIGNED
         if options.units:
             require_units(case)
-            age = case.end_of_life if options.age is None else parse(options.age, "s")
+            given = terminal.age_of(options)
+            age = case.end_of_life if given is None else given
             environments = options.environments or min(Units.environments, options.trials)
             if environments > options.trials:
                 raise shared.WrongUse(

@@ -17,7 +17,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.files import design_file
     from startrack.cli.options import as_wrong_use
-    from startrack.core import YEAR, arcsec, parse
+    from startrack.core import YEAR, arcsec
     from startrack.io import aligned, finite, save_json
     from startrack.montecarlo import pool
     from startrack.prediction import (
@@ -59,23 +59,23 @@ def command(options: argparse.Namespace) -> int:
     """Print the prediction; with --out, write prediction.json and prediction.png."""
     path = design_file(options.design or terminal.example())
     draws = options.draws or DRAWS
-    with as_wrong_use(path=path):
-        age = None if options.age is None else parse(options.age, "s")
-        with (
-            pool(options.workers) as executor,
-            terminal.progress("draws of what is not known", draws) as advance,
-        ):
-            prediction = predict(
-                path,
-                options.set,
-                options.seed,
-                draws,
-                options.units or UNITS,
-                age,
-                executor,
-                advance,
-                _print_middle,
-            )
+    age = terminal.age_of(options)
+    with (
+        as_wrong_use(path=path),
+        pool(options.workers) as executor,
+        terminal.progress("draws of what is not known", draws) as advance,
+    ):
+        prediction = predict(
+            path,
+            options.set,
+            options.seed,
+            draws,
+            options.units or UNITS,
+            age,
+            executor,
+            advance,
+            _print_middle,
+        )
     result = {"design": str(path), "seed": options.seed, **prediction_values(prediction)}
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -201,7 +201,9 @@ def _text(prediction: Prediction) -> str:
 
 def _learned(learned: Learned) -> list[str]:
     """The posterior of each unknown by the told figures."""
-    lines = ["", f"after {len(learned.told)} told figures, which the intervals above include:"]
+    count = len(learned.told)
+    figures = f"{count} told figure{'s' * (count != 1)}"
+    lines = ["", f"after {figures}, which the intervals above include:"]
     lines += [
         f"  {posterior.unknown.name}: "
         + ("not constrained by the figures" if posterior.silent else f"{posterior.unknown}")

@@ -18,7 +18,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.cli.files import design_file, found_file
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, status_and_sentence
-from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, used_code
+from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, parse, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.detection import divide_flat, subtract_dark
 from startrack.io import finite
@@ -115,6 +115,19 @@ def read_camera(path: Path) -> Camera:
 def save_camera(path: Path, camera: Camera) -> None:
     """Write a camera for `read_camera`, without loss."""
     io.save_toml(path, {"tracker": {"camera": io.to_table(camera)}})
+
+
+def age_of(options: argparse.Namespace) -> float | None:
+    """Age of the units by --age, second; None if it is not given."""
+    if options.age is None:
+        return None
+    try:
+        age = parse(options.age, "s")
+    except ValueError as error:
+        raise WrongUse(f"--age {error}") from None
+    if age < 0:
+        raise WrongUse(f"--age must not be negative, got {options.age}")
+    return age
 
 
 def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:

@@ -31,6 +31,8 @@ HOW_TO_READ = (
     "tried, the line is the best so far, the band the range that keeps the objective while the "
     "others follow"
 )
+DOTS = 2000  # samples that are drawn
+MARKS = 0.025, 0.5, 0.975  # quantiles that are marked
 LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible in 400 pixels
 
 
@@ -266,20 +268,23 @@ def _best_numbers(optimum: Optimum) -> Ints:
 @style.styled
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
-    source, points = tolerance.source, thinned(tolerance.samples, 2000)
-    texts = [list(source.shown(point).values()) for point in points]
+    source, points = tolerance.source, thinned(tolerance.samples, DOTS)
+    marks = np.quantile(tolerance.samples, MARKS, axis=0)
+    texts = [list(source.shown(point).values()) for point in (*marks, *points)]
     units = [text.partition(" ")[2] for text in texts[0]]
+    values = np.array([[float(text.split()[0]) for text in row] for row in texts])
     labels = [
         f"{name} ({unit or 1})" for name, unit in zip(short_names(source.names), units, strict=True)
     ]
     limit = f"{tolerance.limit / source.unit.size:.4g} {source.unit.name}".strip()
     draw_corner(
         path,
-        np.array([[float(text.split()[0]) for text in row] for row in texts]),
+        values[len(MARKS) :],
         labels,
         f"designs that keep the objective below {limit}\n"
         f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
+        values[: len(MARKS)],
     )
 
 
@@ -423,9 +428,17 @@ def draw_front(path: Path, points: Sequence[Point], goals: tuple[str, str], tria
 
 
 @style.styled
-def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
-    """Distribution of each pair of columns of samples (n, d), and of each."""
+def draw_corner(
+    path: Path, samples: Floats, labels: Sequence[str], title: str, marks: Floats | None = None
+) -> None:
+    """Distribution of each pair of columns of samples (n, d), of which DOTS are drawn, and of each.
+
+    marks  (3, d) ends of the 95 % interval and the median between them; None: of all samples
+    """
     n = len(labels)
+    if marks is None:
+        marks = np.quantile(samples, MARKS, axis=0)
+    samples = thinned(samples, DOTS)
     figure = style.picture(style.WIDE + 0.5, title)
     # More than four columns need a larger picture for the same letters.
     side = max(style.WIDE, LARGEST * n)
@@ -439,7 +452,7 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
                 continue
             axes.grid(visible=False)
             if i == j:
-                _one(axes, samples[:, i])
+                _one(axes, samples[:, i], marks[:, i])
             else:
                 axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color=style.BLUE)
                 axes.yaxis.set_major_locator(MaxNLocator(4, prune="both"))
@@ -454,9 +467,9 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
     style.save_picture(path, figure)
 
 
-def _one(axes: Axes, values: Floats) -> None:
+def _one(axes: Axes, values: Floats, marks: Floats) -> None:
     """Histogram with its median and 95 % of the samples."""
-    low, middle, high = np.quantile(values, (0.025, 0.5, 0.975))
+    low, middle, high = marks
     axes.hist(values, 30, color=style.BLUE)
     for at, line in ((low, ":"), (middle, "-"), (high, ":")):
         axes.axvline(at, color=style.BLACK, ls=line, lw=1)

@@ -47,27 +47,28 @@ def _intervals(axes: Axes, prediction: Prediction) -> None:
         axes.plot(figure.median / arcsec, y, "|", color="white", ms=9, mew=2)
     axes.set_xscale("log")
     axes.set_yticks(range(len(names)), reversed(names))
-    axes.set_xlabel("arcsec, rms per axis (1 sigma)")
-    axes.set_ylim(-0.6, len(names) - 0.4)
+    axes.set_xlabel("error of 1 sigma, rms per axis (arcsec)")
     style.plain_numbers(axes.xaxis)
-    axes.legend(loc="lower left")
+    axes.set_ylim(-1.2, len(names) - 0.4)
+    axes.legend(loc="lower left", ncols=2)
 
 
 def _widths(axes: Axes, prediction: Prediction) -> None:
     parts = {axis: dict(prediction.figure(ACCURACY, axis).causes) for axis in AXES}
-    names = sorted(
-        (name for name in parts[AXES[0]] if name != OTHERS),
-        key=lambda name: -sum(part[name] for part in parts.values()),
-    )[:MOST]
+    names = sorted(parts[AXES[0]], key=lambda name: -sum(part[name] for part in parts.values()))[
+        :MOST
+    ]
     for shift, (axis, part), colour in zip(
         (0.18, -0.18), parts.items(), (style.BLUE, style.RED), strict=True
     ):
         y = [len(names) - 1 - n + shift for n in range(len(names))]
         axes.barh(y, [100 * part[name] for name in names], 0.34, color=colour, label=axis)
     axes.set_yticks(range(len(names)), [_short(name) for name in reversed(names)])
-    axes.set_xlabel("% of the width of the accuracy that each unknown makes alone")
+    axes.set_xlabel("width of the accuracy by each cause alone (%)")
     axes.legend(loc="lower right")
 
 
 def _short(name: str) -> str:
+    if name == OTHERS:  # in three lines, beside a narrow picture
+        return name.replace(", ", ",\n")
     return ".".join(name.split(".")[-2:])

@@ -268,6 +268,20 @@ def test_every_command_documents_itself_and_its_options(capsys, command):
             assert following.startswith(" " * 10), line
 
 
+def test_options_that_a_help_text_names_exist(capsys):
+    """Sentences name options of the command, or of another one."""
+    there, named = {"--help", "--version"}, set[str]()
+    parts = [f"earth {part}" for part in ("spectrum", "air", "aim")]
+    parts += [f"lens {part}" for part in ("import", "measure", "show")]
+    for command in (*COMMANDS, *PARTS, *parts, "export aocs", "export catalogue"):
+        with pytest.raises(SystemExit):
+            main([*command.split(), "--help"])
+        text = capsys.readouterr().out
+        there |= set(re.findall(r"^ +(--[a-z-]+)", text.partition("options:")[2], re.MULTILINE))
+        named |= set(re.findall(r"--[a-z-]*[a-z]", re.sub(r"-\n +", "-", text)))
+    assert named <= there
+
+
 def test_the_list_of_commands_is_grouped_and_has_each_once(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])

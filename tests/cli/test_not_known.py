@@ -75,3 +75,11 @@ def test_a_verdict_for_the_middle_alone_is_none(run, limit, verdict, met):
     assert found["verdict"] == verdict
     count = found["draws"]["met"]["across"]
     assert count == met if met is not None else 0 < count < 6
+
+
+@pytest.mark.parametrize(("age", "words"), [("5", "a number with a unit"), ("-5 yr", "negative")])
+def test_an_age_that_is_none_is_refused_by_its_option(capsys, age, words):
+    assert main(["predict", "sagitta", f"--age={age}"]) == 2
+    said = capsys.readouterr().err
+    assert "--age must" in said
+    assert words in said

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget import RateSurvey, analytic, curve_steps, curves, error_curves
+from startrack.budget import PUBLISHED, RateSurvey, analytic, curve_steps, curves, error_curves
 from startrack.core import YEAR, Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import Accuracy, Campaign, Objective, OverUnits, replaced
 from startrack.metrics import ErrorLimits, Interval, summarise
@@ -27,14 +27,17 @@ from startrack.plots import (
     draw_front,
     draw_geometry,
     draw_picture,
+    draw_prediction,
     draw_psf,
     draw_sequence,
     draw_sky,
     draw_spots,
+    draw_tolerance,
     draw_tornado,
     style,
 )
 from startrack.plots.frames import stretch
+from startrack.prediction import OTHERS
 from startrack.sequence import Mode
 from startrack.sequence.run import FRAMES
 from startrack.trial import OUTCOMES
@@ -523,6 +526,47 @@ def test_a_narrow_distribution_has_no_offset(drawn):
     random = np.random.default_rng(1)
     samples = np.column_stack([1816.2 + 2e-3 * random.normal(size=500), random.random(500)])
     drawn(draw_corner, samples, ["focal length (pixel)", "k1 (1)"], "posterior")
+
+
+def test_a_corner_of_tolerances_names_the_quantiles_of_all_samples(drawn):
+    """Those of the table, although one sample in ten is drawn."""
+    samples = np.random.default_rng(1).normal(5, 1, (20_000, 1))
+    source = SimpleNamespace(
+        names=["instrument.detector.exposure"],
+        unit=SimpleNamespace(size=1.0, name=""),
+        shown=lambda point: {"exposure": f"{point[0]:.6g} ms"},
+    )
+    chains = SimpleNamespace(effective=np.array([20_000]))
+    tolerance = SimpleNamespace(
+        source=source, samples=samples, limit=1.0, chains=chains, check_error=0.1, checks=12
+    )
+    figure, _ = drawn(draw_tolerance, tolerance)
+    low, middle, high = np.quantile(samples, (0.025, 0.5, 0.975))
+    said = figure.axes[0].get_title(loc="left")
+    assert said == f"{middle:.2f}\n[{low:.2f}, {high:.2f}]"
+
+
+def test_a_prediction_draws_every_share_of_its_width(drawn):
+    """Its legend covers no interval."""
+    causes = ((OTHERS, 0.85), ("instrument.detector.read_noise", 0.15))
+    figures = [
+        SimpleNamespace(
+            figure=name, axis=axis, low_95=4e-6, low_68=5e-6, median=6e-6, high_68=7e-6,
+            high_95=8e-6, causes=causes,
+        )
+        for name in PUBLISHED
+        for axis in ("across", "about")
+    ]  # fmt: skip
+    found = SimpleNamespace(
+        unknowns={"read noise": ""}, figures=figures, figure=lambda name, axis: figures[0]
+    )
+    figure, _ = drawn(draw_prediction, found, "tracker")
+    top, below = figure.axes
+    assert [label.get_text() for label in below.get_yticklabels()][-1].startswith("the model")
+    assert below.patches[0].get_width() == pytest.approx(85)
+    lowest = min(line.get_ydata()[0] for line in top.lines)
+    box = top.get_legend().get_window_extent().transformed(top.transData.inverted())
+    assert box.y1 < lowest
 
 
 def test_a_term_that_is_zero_everywhere_says_so(drawn):
