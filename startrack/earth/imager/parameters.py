@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import field, replace
 from pathlib import Path
@@ -31,18 +30,8 @@ from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Orbit
 from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
-from startrack.io import (
-    LayerRules,
-    Layers,
-    Renewed,
-    content,
-    from_table,
-    read_layers,
-    read_table,
-    regular_file,
-    shipped,
-    with_points,
-)
+from startrack.earth.imager.spectrum_file import SpectrumFile
+from startrack.io import LayerRules, Layers, Renewed, from_table, read_layers, read_table, shipped
 from startrack.motion import Motion
 from startrack.optics import Optics, with_plain_optics
 
@@ -643,50 +632,6 @@ def _read_spectra(table: Any, folder: Path, place: str) -> None:
             table[key] = from_table(SpectrumFile, value, f"{place}.{key}").read(folder)
         else:
             _read_spectra(value, folder, f"{place}.{key}")
-
-
-class SpectrumFile(Parameters):
-    """A curve in a text file: each line begins with a wavelength and a value.
-
-    Lines that do not begin with two numbers are skipped, and so are values below -1, which mark
-    missing values. Separators are commas, semicolons, tabs or spaces.
-    """
-
-    file: str = parameter("path, relative to the scene file")
-    unit: str = parameter(
-        "unit of the wavelengths: nm or um", limit=Range(choices=("nm", "um")), default="um"
-    )
-    factor: float = parameter(
-        "1, factor of the values: 0.01 for per cent", limit=FINITE, default=1.0
-    )
-
-    def read(self, folder: Path) -> dict[str, Any]:
-        """The table of a Curve, with values clipped to [0, 1].
-
-        Raises  ValueError if the file has no curve, or fewer than two different wavelengths.
-        """
-        path = folder / self.file
-        regular_file(path, "a table of a spectrum")
-        curve = {}
-        for line in content(path, "a table of a spectrum").splitlines():
-            # A comma is a decimal comma if another character separates the columns.
-            between = r"[;\s]+" if re.search(r"[;\t]|\d\s+[-+\d]", line.strip()) else r"[,\s]+"
-            words = [with_points(word.strip(",")) for word in re.split(between, line.strip())[:2]]
-            try:
-                wavelength, value = (float(word) for word in words)
-            except ValueError:
-                continue
-            if math.isfinite(value) and value >= -1:
-                curve[wavelength] = min(max(value * self.factor, 0.0), 1.0)
-        if len(curve) < 2:
-            raise Refused(
-                f"{path} must hold a wavelength and a value in each of two lines or more, got "
-                f"{len(curve)}"
-            )
-        return {
-            "wavelength": [f"{node!r} {self.unit}" for node in sorted(curve)],
-            "value": [curve[node] for node in sorted(curve)],
-        }
 
 
 def load_imager(name: str, folder: Path = Path()) -> Imager:
