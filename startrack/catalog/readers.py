@@ -1,6 +1,7 @@
 """Catalogue file of any known format -> Catalog."""
 
 import math
+import re
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -138,6 +139,23 @@ def _stars(records: tables.Records) -> tables.Records:
 
 
 REDDEST = 9.0  # magnitude, of a colour: carbon stars have 7
+# Axes other than those of ICRS and J2000, as files and names of columns say them.
+OTHER_AXES = re.compile(
+    r"FK4|B?19[0-7][05](?!\d)|(?:super)?galactic|eclip\w*|ecl_\w+|(?<![a-z])(?:gl|el)(?:on|at)(?![a-z])",
+    re.IGNORECASE,
+)
+UNITS_OF_NAMES = dict.fromkeys(("h", "hr", "hour", "hours"), "hourangle") | {
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+}
+# Unit in the name of a column: "ra [h]", "pmRA (arcsec/yr)", "dec_rad", "pmra_mas_yr".
+IN_BRACKETS = re.compile(r".*[\[(]\s*([^\[\]()]+?)\s*[\])]\s*")
+ENDING = re.compile(
+    r".+_(deg|degrees?|rad|radians?|h|hr|hours?|arcsec|mas)(?:_?(?:per_?)?(?:yr|year)s?)?",
+    re.IGNORECASE,
+)
 # Quantities of a user's table: the name in `columns`, and the default unit.
 MAPPED = {
     "identifier": "",
@@ -173,22 +191,26 @@ def column_names(columns: tuple[str, ...]) -> dict[str, str]:
             raise Refused(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
     if "magnitude_g" in named and "magnitude_v" in named:
         raise Refused("columns must name one of magnitude_g and magnitude_v, got both")
+    if ("pm_ra" in named) != ("pm_dec" in named):
+        raise Refused(f"columns must name both of pm_ra and pm_dec, got {', '.join(columns)}")
     return named
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     """Read a FITS, VOTable, ECSV or CSV table by the names of its columns.
 
-    The units of the file are used (ECSV, VOTable). Without units, and in FITS, degree, mas / yr,
-    mas and magnitude are assumed. Proper motions in right ascension include the factor
-    cos(declination). The default identifier is the number of the row, from 1. A colour beyond 9,
-    such as 99.99, is taken for unknown.
+    The units of the file are used, or those in the names of its columns, such as ra_h. Without
+    units, degree, mas / yr, mas and magnitude are assumed. Proper motions in right ascension
+    include the factor cos(declination). The default identifier is the number of the row, from 1. A
+    colour beyond 9, such as 99.99, is taken for unknown.
 
     columns  as for `column_names`; "epoch" is a column, or a Julian year, such as "epoch=2000.0"
-    Raises   ValueError for a file that is not a table, for a missing column, or for a unit that
-             does not convert.
+    Raises   ValueError for a file that is not a table, for a missing column, for a unit that does
+             not convert, or for places in axes other than those of ICRS or J2000.
     """
     table, mapped = tables.any_table(path), column_names(columns)
+    for what in ("ra", "dec"):
+        _require_icrs(path, table, mapped[what])
     values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
     for colour in {"colour", "b_v"} & values.keys():
@@ -205,9 +227,35 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     if len(epochs) != 1:
         raise Refused(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     place, motion = (values["ra"], values["dec"]), (pm_ra, pm_dec, parallax)
-    if table[mapped["ra"].lower()].unit is None:
+    if _unit(table, "ra", mapped["ra"]) is None:
         _refuse_other_units(path, mapped["ra"], place)
     return assemble(path, float(epochs[0]), identifier, place, motion, light)
+
+
+def _require_icrs(path: Path, table: Any, name: str) -> None:
+    """Refuse a column of places whose name, or file, says other axes."""
+    column = table[name.lower()] if name.lower() in table.colnames else None
+    axes = "" if column is None else column.meta.get(tables.AXES, "")
+    if other := OTHER_AXES.search(f"{name} {axes}"):
+        raise Refused(f"{path}: {name} must be in the axes of ICRS or J2000, got {other[0]}")
+
+
+def _unit(table: Any, quantity: str, name: str) -> Any:
+    """The unit of a column by the file or, for angles, by its name; None without one."""
+    from astropy import units
+
+    given = table[name.lower()].unit
+    if given is not None or not MAPPED[quantity].startswith(("deg", "mas")):
+        return given
+    match = IN_BRACKETS.fullmatch(name) or ENDING.fullmatch(name)
+    try:
+        said = units.Unit(UNITS_OF_NAMES.get(match[1].lower(), match[1])) if match else None
+    except ValueError:
+        return None
+    kinds = (units.rad, units.rad / units.yr, units.s)
+    if said is None or not any(said.is_equivalent(kind) for kind in kinds):  # "ra (J2000)"
+        return None
+    return said / units.yr if "yr" in MAPPED[quantity] and said.is_equivalent(units.rad) else said
 
 
 def _refuse_other_units(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
@@ -244,7 +292,7 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
             pass
     if name.lower() not in table.colnames:
         raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
-    wanted, given = MAPPED[quantity], table[name.lower()].unit
+    wanted, given = MAPPED[quantity], _unit(table, quantity, name)
     texts = None
     if quantity in ("ra", "dec") and table[name.lower()].dtype.kind in "US":
         texts = tables.angle_texts(path, name, map(str, table[name.lower()]))

@@ -280,6 +280,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     return header, columns
 
 
+AXES = "axes"  # key of a column's `meta`: axes of its places, as the file says them
 NROWS = re.compile(rb"<TABLE\b[^>]*\bnrows=[\"'](\d+)")
 
 
@@ -298,7 +299,13 @@ def votable(path: Path) -> Any:
             warnings.simplefilter("ignore", VOWarning)  # files of archives cause warnings, too
             data = read_bytes(path, "a star catalogue")
             require_memory(len(data) * TEXT_NEEDED, f"{path}, a VOTable of {len(data)} bytes,")
-            table = parse(io.BytesIO(data)).get_first_table().to_table()
+            file = parse(io.BytesIO(data))
+            first = file.get_first_table()
+            table = first.to_table()
+            systems = {system.ID: system for system in file.iter_coosys()}
+            for name, part in zip(table.colnames, first.fields, strict=True):
+                if system := systems.get(part.ref):
+                    table[name].meta[AXES] = f"{system.system} {system.equinox}"
     except (MemoryError, FileNotFoundError):
         raise
     except Exception as error:  # of any class, from expat, astropy and numpy
@@ -322,6 +329,9 @@ def any_table(path: Path) -> Any:
     if start.startswith(b"SIMPLE"):
         header, columns = fits_table(path)
         table = Table(columns)
+        axes = " ".join(str(header[key]) for key in ("RADESYS", "EQUINOX") if key in header)
+        for column in table.columns.values():
+            column.meta[AXES] = axes
         for number in range(1, int(header["TFIELDS"]) + 1):
             name, unit = header.get(f"TTYPE{number}", ""), header.get(f"TUNIT{number}")
             if unit and str(name).lower() in columns:

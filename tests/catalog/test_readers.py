@@ -232,6 +232,7 @@ def test_a_table_of_ones_own_is_read_by_its_columns(tmp_path):
         (("ra=RA", "dec=DE", "epoch=2000"), "columns must name magnitude_g or magnitude_v"),
         (("ra=RA", "ra=DE"), "each quantity once"),
         (("place=RA",), "columns must each be QUANTITY=COLUMN"),
+        (("ra=RA", "dec=DE", "magnitude_g=G", "epoch=2000", "pm_ra=P"), "both of pm_ra and pm_dec"),
         (("ra=RA", "dec=DE", "magnitude_g=no", "epoch=2000"), "must have the column no"),
     ],
 )
@@ -274,3 +275,58 @@ def test_marks_of_unknown_values_are_neither_magnitudes_nor_colours(tmp_path):
     path.write_text("A,D,V,BV\n1,2,5.0,0.6\n2,3,-99.9,0.6\n")
     with pytest.raises(Refused, match=r"row 2: magnitude must lie in \[-5, 100\]"):
         read(path, columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("names", "scale"),
+    [
+        (("ra_h", "dec_deg", "pmra_arcsec_yr"), (1 / 15, 1.0, 1e-3)),
+        (("RA [h]", "Dec [rad]", "pmRA [arcsec/yr]"), (1 / 15, np.pi / 180, 1e-3)),
+        (("ra_rad", "dec_rad", "pm (mas/yr)"), (np.pi / 180, np.pi / 180, 1.0)),
+        (("RA (J2000)", "DE_J2000", "pm_ra"), (1.0, 1.0, 1.0)),
+    ],
+)
+def test_units_in_the_names_of_columns_count(tmp_path, names, scale):
+    stars = zip([83.0, 84.0, 85.0], [-5.0, -6.0, -7.0], [100.0, 50.0, -20.0], strict=True)
+    rows = [",".join(repr(v * f) for v, f in zip(star, scale, strict=True)) for star in stars]
+    rows = [f"{row},{row.split(',')[2]}" for row in rows]
+    names = (*names, names[2].replace("ra", "dec").replace("RA", "DE").replace("pm ", "pmd "))
+    path = tmp_path / "own.csv"
+    path.write_text("\n".join([",".join((*names, "G")), *(f"{row},5" for row in rows)]) + "\n")
+    keys = ("ra", "dec", "pm_ra", "pm_dec")
+    columns = [f"{key}={name}" for key, name in zip(keys, names, strict=True)]
+    stars = read(path, columns=(*columns, "magnitude_g=G", "epoch=2000.0"))
+    np.testing.assert_allclose(np.degrees(stars.right_ascension), [83.0, 84.0, 85.0])
+    np.testing.assert_allclose(np.degrees(stars.declination), [-5.0, -6.0, -7.0])
+    np.testing.assert_allclose(stars.pm_ra / MAS, [100.0, 50.0, -20.0])
+    np.testing.assert_allclose(stars.pm_dec / MAS, [100.0, 50.0, -20.0])
+
+
+def test_places_in_axes_other_than_those_of_icrs_are_refused(tmp_path):
+    """A place of B1950 is 2300 arcsec from the same numbers in J2000."""
+    columns = ("ra=A", "dec=D", "magnitude_g=G", "epoch=2000.0")
+    table = Table({"A": [83.2, 84.0], "D": [-5.4, -6.0], "G": [5.0, 5.0]})
+    for cards, other in (({"RADESYS": "FK4", "EQUINOX": 1950.0}, "FK4"), ({}, None)):
+        table.meta = cards | {"EQUINOX": cards.get("EQUINOX", 2000.0)}
+        table.write(tmp_path / "own.fits", overwrite=True)
+        if other is None:
+            assert len(read(tmp_path / "own.fits", columns=columns)) == 2
+        else:
+            with pytest.raises(Refused, match=f"A must be in the axes of ICRS .*, got {other}"):
+                read(tmp_path / "own.fits", columns=columns)
+    table.write(tmp_path / "own.vot", format="votable", overwrite=True)
+    text = (tmp_path / "own.vot").read_text()
+    for system in ("eq_FK4", "galactic", "eq_FK5"):
+        said = f'<COOSYS ID="axes" system="{system}" equinox="J2000"/><TABLE'
+        made = text.replace("<TABLE", said, 1).replace('name="A"', 'name="A" ref="axes"')
+        (tmp_path / "own.vot").write_text(made)
+        if system == "eq_FK5":
+            assert len(read(tmp_path / "own.vot", columns=columns)) == 2
+        else:
+            with pytest.raises(Refused, match="A must be in the axes of ICRS"):
+                read(tmp_path / "own.vot", columns=columns)
+    for names in (("RAB1950", "DEB1950"), ("GLON", "GLAT")):
+        Table(table, names=(*names, "G")).write(tmp_path / "own.csv", overwrite=True)
+        named = (f"ra={names[0]}", f"dec={names[1]}", *columns[2:])
+        with pytest.raises(Refused, match=f"{names[0]} must be in the axes of ICRS"):
+            read(tmp_path / "own.csv", columns=named)
