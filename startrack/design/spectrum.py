@@ -15,6 +15,15 @@ HEAD = re.compile(r"[^(\[]*[(\[](.*)[)\]]\s*")
 LOOSE = re.compile(
     r"(?<![a-z])([munpkµμ]?rad|arcmin|deg|[mu]?as|[mu]arcsec|db|[km]hz)(?![a-z])", re.IGNORECASE
 )
+# Quantities that are no one-sided power spectral density of an angle, as headers name them.
+OTHERS = re.compile(
+    r"(?:two|2|double)[-\s]?sided|\basd\b|amplitude[-\s]spectr\w*|sqrt|\u221a|rt\s?hz"
+    r"|hz\s*(?:\^|\*\*)\s*\(?(?:-?0?\.5|-?1/2)"
+    r"|(?:rate|velocity|acceleration)[-\s](?:psd|density|spectr\w*)"
+    r"|(?:psd|density|spectr\w*)\s+of\s+(?:the\s+)?(?:\w+\s+)?(?:rates?|velocity|acceleration)"
+    r"|angular[-\s](?:rate|velocity|acceleration)|(?<![a-z])g\s*(?:\^|\*\*)?2\s*/\s*hz",
+    re.IGNORECASE,
+)
 
 
 def with_spectra(table: Any, folder: Path) -> None:
@@ -28,7 +37,8 @@ def with_spectra(table: Any, folder: Path) -> None:
     table   table of a whole design, changed in place
     folder  folder of the file
     Raises  ValueError, with file and line, if there is no such file, if it is not such a table, or
-            if a line before the numbers names another unit without brackets.
+            if a line before the numbers names another unit without brackets or another quantity,
+            such as an amplitude or a two-sided density.
     """
     match table:
         case {"instrument": {"motion": {"broadband": list(entries)}}}:
@@ -89,15 +99,19 @@ def _cells(text: str) -> list[str]:
 
 def _units(path: Path, line: int, cells: list[str], before: list[str]) -> list[str]:
     """The units that a header names; if it names none, the units of the lines before it."""
+    if other := OTHERS.search(" ".join(cells)):
+        raise Refused(
+            f"{path}, line {line}: must name a one-sided power spectral density of an angle, got "
+            f"{other[0]!r}"
+        )
     found = [match[1] if (match := HEAD.fullmatch(cell)) else "" for cell in cells]
-    if not any(found):
-        if loose := LOOSE.search(" ".join(cells)):
-            raise Refused(
-                f"{path}, line {line}: must name its units in brackets, such as 'frequency (Hz), "
-                f"density (urad2 / Hz)', got {loose[0]!r} without them"
-            )
-        return before
-    if len(found) != len(UNITS):
+    bare = " ".join(cell for cell, unit in zip(cells, found, strict=True) if not unit)
+    if loose := LOOSE.search(bare):
+        raise Refused(
+            f"{path}, line {line}: must name its units in brackets, such as 'frequency (Hz), "
+            f"density (urad2 / Hz)', got {loose[0]!r} without them"
+        )
+    if not any(found) or len(found) != len(UNITS):
         return before
     units = [unit or usual for unit, usual in zip(found, UNITS, strict=True)]
     try:

@@ -21,15 +21,21 @@ DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
 # Days of 2000-01-01T00:00 by each keyword.
 JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
 EXPOSURES = "EXPTIME", "EXPOSURE"
-MILLISECOND = re.compile(r"\[ms\]|\bms\b|milli-?sec", re.IGNORECASE)
-MICROSECOND = re.compile(r"\[us\]|\bus\b|micro-?sec|\u00b5s", re.IGNORECASE)
+MILLISECOND = re.compile(r"\bm(?:s|secs?)\b|milli-?sec", re.IGNORECASE)
+MICROSECOND = re.compile(r"\b[u\u00b5\u03bc](?:s|secs?)\b|micro-?sec", re.IGNORECASE)
 MINUTE = re.compile(r"\[min\]|\bminutes?\b", re.IGNORECASE)
+HOUR = re.compile(r"\[(?:h|hr)\]|\bhours?\b", re.IGNORECASE)
 # Comment of a gain that is in electrons per digital number, and not a setting of the camera.
 ELECTRONS = re.compile(
     r"(e-?|elec\w*|photo-?e\w*)\s*(/|per)\s*(adu|dn|count|unit|lsb)", re.IGNORECASE
 )
 # Comment of a gain in digital numbers per electron.
 NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
+DIGITAL = re.compile(r"\b(?:adu|dn|counts?|lsb|digital numbers?)\b", re.IGNORECASE)
+CHARGE = re.compile(r"elec|photo-?e|\be\b", re.IGNORECASE)
+DECIBEL = re.compile(r"\bdB\b|decibel", re.IGNORECASE)
+# BUNIT of pixels that are electrons already.
+IN_ELECTRONS = re.compile(r"(?:photo-?)?electrons?|e-?|photo-?e-?", re.IGNORECASE)
 SCIENCE = "SCI"  # name of the image itself beside maps of its errors
 EXCESS = "EXCESSN"  # variance of the light over its mean, of a register that multiplies electrons
 # Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
@@ -92,9 +98,11 @@ def read_fits(
     offset = _number(header, "PEDESTAL", 0.0)
     # MaxIm DL writes the value to be added, which is negative.
     offset = -offset if offset < 0 else offset
-    noise = _number(header, "RDNOISE")
+    noise, said = _number(header, "RDNOISE"), _comment(header, "RDNOISE")
+    in_numbers = DIGITAL.search(said) and not CHARGE.search(said)
     excess = max(_number(header, EXCESS, 1.0), 1.0)
-    gain = _gain(path, header, image, offset, noise, excess)
+    gain = _gain(path, header, image, offset, math.nan if in_numbers else noise, excess)
+    noise = noise * gain if in_numbers else noise
     return FitsImage(
         image=image.astype(image.dtype.newbyteorder("=")),
         exposure=_exposure(path, header),
@@ -232,6 +240,7 @@ def _exposure(path: Path, header: Any) -> float:
         unit = 1e-3 if MILLISECOND.search(comment) else 1.0
         unit = 1e-6 if MICROSECOND.search(comment) else unit
         unit = 60.0 if MINUTE.search(comment) else unit
+        unit = 3600.0 if HOUR.search(comment) else unit
         values.append(_number(header, key) * unit)
     given = [value for value in values if value >= 0]
     if len(given) == 2 and abs(given[0] - given[1]) > 0.01 * max(given):
@@ -263,8 +272,12 @@ def _gain(
         return math.nan
     comment = _comment(header, key)
     said = key == "EGAIN" or bool(ELECTRONS.search(comment))
+    if IN_ELECTRONS.fullmatch(str(header.get("BUNIT", "")).strip()):
+        key, gain, said, comment = "BUNIT", 1.0, True, ""
     if NUMBERS.search(comment) and not ELECTRONS.search(comment):
         gain, said = 1 / gain, True
+    if not said and DECIBEL.search(comment):
+        return math.nan
     if not said and any(SETTINGS.search(str(header.get(name, ""))) for name in PROGRAMS):
         return math.nan
     level, noise = _background(image)

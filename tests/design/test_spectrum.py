@@ -30,6 +30,7 @@ def spectrum(folder, text):
         ("kind [kHz], psd [arcsec2 / Hz]\n0.001, 4\n0.01, 0.4\n", 4 * arcsec**2),
         ("# f [Hz]  PSD [urad^2/Hz]\n1 4\n10 0.4\n", 4e-12),
         ("# frequency (Hz), density (urad2 / Hz)\n# by day\n1, 4\n10, 0.4\n", 4e-12),
+        ("# jitter at the sampling rate\n# of one lab, run 3\n1 4\n10 0.4\n", 4 * arcsec**2),
         ("f, psd\r\n1e0, 4e0\r\n10, 0.4\r\n", 4 * arcsec**2),
     ],
 )
@@ -51,6 +52,14 @@ def test_a_table_beside_the_design_is_a_spectrum(tmp_path, monkeypatch, text, de
         ("f (kg), psd\n1, 4\n2, 3\n", "line 1: units"),
         ("frequency_hz,psd_rad2_per_hz\n1,4\n2,3\n", "line 1: must name its units in brackets"),
         ("f,S\nHz,urad^2/Hz\n1,4\n2,3\n", "line 2: must name its units in brackets.*'urad'"),
+        ("freq (Hz) psd urad^2/Hz\n1 4\n2 3\n", "line 1: must name its units in brackets"),
+        ("f [Hz], rate (deg/s)2/Hz\n1,4\n2,3\n", "line 1: must name its units in brackets"),
+        ("f (Hz), two-sided PSD (arcsec2 / Hz)\n1,4\n2,3\n", "line 1: .*one-sided .*'two-sided'"),
+        ("# amplitude spectral density\n1 4\n2 3\n", "line 1: .*'amplitude spectral'"),
+        ("f Hz, ASD arcsec/sqrtHz\n1,4\n2,3\n", "line 1: .*'ASD'"),
+        ("f Hz, jitter arcsec/Hz^0.5\n1,4\n2,3\n", "line 1: .*'Hz.0.5'"),
+        ("# PSD of the angular rate\n1 4\n2 3\n", "line 1: .*'PSD of the angular rate'"),
+        ("f Hz, PSD g2/Hz\n1,4\n2,3\n", "line 1: .*'g2/Hz'"),
         ("10, 4\n1, 3\n", "frequency must increase"),
     ],
 )

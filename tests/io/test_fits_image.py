@@ -58,6 +58,7 @@ def test_a_gain_in_electrons_is_taken(tmp_path, cards):
         {"GAIN": 300, "SWCREATE": "SharpCap v4.0, 64 bit"},
         {"GAIN": "high"},
         {"GAIN": True},
+        {"GAIN": (TRUE_GAIN, "[dB]")},
         {"EGAIN": 0.0},
     ],
 )
@@ -72,6 +73,23 @@ def test_a_gain_that_the_noise_contradicts_is_said_and_not_taken(tmp_path, cards
     path = with_cards(tmp_path / "a.fits", cards)
     with pytest.warns(UserWarning, match="the gain is treated as unknown"):
         assert math.isnan(read_image(path).electrons_per_dn)
+
+
+def test_pixels_in_electrons_have_no_other_gain(tmp_path):
+    """A header may keep the gain by which a program has multiplied the pixels."""
+    electrons = np.random.default_rng(4).poisson(2000.0, (64, 64)).astype("f4")
+    cards = {"BUNIT": "electron", "GAIN": (2.0, "[electron/DN]")}
+    assert read_image(with_cards(tmp_path / "a.fits", cards, electrons)).electrons_per_dn == 1
+
+
+@pytest.mark.parametrize(
+    ("comment", "electrons"),
+    [("[ADU] rms", 2 * TRUE_GAIN), ("read noise, DN", 2 * TRUE_GAIN), ("[electron] rms", 2.0)],
+)
+def test_read_noise_has_the_unit_of_its_comment(tmp_path, comment, electrons):
+    cards = {"RDNOISE": (2.0, comment), "EGAIN": TRUE_GAIN}
+    noise = read_image(with_cards(tmp_path / "a.fits", cards)).read_noise
+    assert noise == pytest.approx(electrons)
 
 
 @pytest.mark.parametrize("pedestal", [400, -400])
@@ -102,6 +120,9 @@ def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
         ({"EXPOSURE": (250000, "exposure in microseconds")}, 0.25),
         ({"EXPTIME": 0.25, "EXPOSURE": 0.25}, 0.25),
         ({"EXPOSURE": (2.0, "[min] exposure")}, 120.0),
+        ({"EXPTIME": (250, "exposure time in msec")}, 0.25),
+        ({"EXPTIME": (250000, "[usec]")}, 0.25),
+        ({"EXPTIME": (0.5, "exposure in hours")}, 1800.0),
     ],
 )
 def test_exposures_have_the_unit_of_their_comment(tmp_path, cards, seconds):
