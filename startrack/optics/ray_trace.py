@@ -26,6 +26,8 @@ ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that e
 DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
 BEYOND, OUTSIDE = 1.1, 0.02  # distance and weight of rays outside an aperture, for a smooth fit
 SMALLEST = 1e-6  # relative singular value, below which rays do not determine a term
+AROUND = ((0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1))  # millimetre, at a surface's vertex
+ROUND = 1e-6  # relative difference of the sags there, above which it is no surface of revolution
 ROUNDED = 0.01  # relative accuracy of the catalogue's wavelength limits
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
 EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.DOTALL)
@@ -175,6 +177,12 @@ def refuse_lens(lens: Any) -> None:
             raise Refused(
                 f"the prescription must be a lens of revolution, but surface {number} is tilted or "
                 "decentred"
+            )
+        sag = np.array([float(np.squeeze(surfaces[number].geometry.sag(x, y))) for x, y in AROUND])
+        if np.ptp(sag) > ROUND * np.abs(sag).max():
+            raise Refused(
+                f"the prescription must be a lens of revolution, but surface {number} has sags "
+                f"from {sag.min():.3g} to {sag.max():.3g} mm at {AROUND[0][0]:g} mm from the axis"
             )
 
 

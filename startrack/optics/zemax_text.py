@@ -29,6 +29,7 @@ WAVE = re.compile(
 )
 SPACING = re.compile(rf"[Dd]ata spacing is\s+({NUMBER})\s*([^\s.,;]*)")
 VALUES = re.compile(r"[Vv]alues are\s+([^\n.,]*)")
+OTHER_VALUES = re.compile(r"\b(?:log|db\b|real|imag|phase|ampl)", re.IGNORECASE)
 CENTRE = re.compile(rf"[Cc]enter coordinates\s*:?\s*({NUMBER})[,;]?\s+({NUMBER})\s*(\w+)")
 MILLIMETRES = {"millimeters": 1e-3, "centimeters": 1e-2, "inches": 25.4e-3, "meters": 1.0}
 POINT = re.compile(r"[Cc]enter point is:?\s*(?:row\s*)?(\d+),\s*(?:col(?:umn)?\s*)?(\d+)")
@@ -238,7 +239,7 @@ def _page(path: Path) -> _Page:
         got = spacing[2] or "no unit"
         raise Refused(f"{path} must have its data spacing in micrometre, got {got}")
     values = VALUES.search(text)
-    if values and re.search(r"\blog", values[1], re.IGNORECASE):
+    if values and OTHER_VALUES.search(values[1]):
         raise Refused(f"{path} must hold intensities, got {values[1].strip()}")
     place = None
     if centre:

@@ -8,6 +8,7 @@ import pytest
 
 from startrack.core import Refused
 from startrack.optics import Tracing, parse_prescription, read_prescription, trace_lens
+from startrack.optics.ray_trace import refuse_lens
 
 pytest.importorskip("optiland", reason="the ray tracer is an extra")
 
@@ -249,3 +250,11 @@ def test_a_glass_is_not_traced_where_its_index_is_not_known(tmp_path):
     tracing = Tracing((293.15,), (500e-9, 3e-6), (0.0, 0.01))
     with pytest.raises(Refused, match=r"glass N-BK7, \[300, 2500\] nm, got 3000 nm"):
         trace_lens(lens, "a", "b", tracing)
+
+
+def test_a_surface_that_is_curved_along_one_axis_alone_is_refused(tmp_path):
+    """A toroid whose second radius is infinite is a cylinder."""
+    text = zemax(more="TYPE TOROIDAL").replace("STOP\n  TYPE STANDARD", "STOP")
+    with pytest.raises(Refused, match="lens of revolution, but surface 1 has sags from 0 to"):
+        refuse_lens(lens_of(tmp_path, text))
+    refuse_lens(lens_of(tmp_path, zemax(more="CONI -0.5")))

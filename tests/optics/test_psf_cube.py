@@ -182,6 +182,8 @@ def test_pages_of_any_locale_are_the_same(tmp_path, encoding, wave, field, europ
         (("0.500 µm", "0.500 mm"), "data spacing in micrometre, got mm"),
         (("0.500 µm", "0.500"), "data spacing in micrometre, got no unit"),
         (("Pupil", "Values are log intensity.\nPupil"), "must hold intensities, got log intensity"),
+        (("Pupil", "Values are real part.\nPupil"), "must hold intensities, got real part"),
+        (("Pupil", "Values are phase, degrees.\nPupil"), "must hold intensities, got phase"),
         (("0.6000 µm", "600.0 nm"), "with its wavelength"),
     ],
 )

@@ -28,10 +28,11 @@ TITLES = {
 SPACED = (
     *("TOT TRANS", "COMBIN TRANS", "PTH THRML", "THRML EM", "THRML SCT", "SURF EMIS", "SOL SCAT"),
     *("MULT SCAT", "SING SCAT", "GRND RFLT", "DRCT RFLT", "TOTAL RAD", "REF SOL", "DIR EM"),
-    *("TOA SUN", "BBODY T"),
+    *("TOA SUN", "BBODY T", "WAVLEN MCRN", "WAVLEN NM"),
 )
 END = -9999.0  # marks the end of rows
 SPECTRAL = ("cm-1", "nm", "um")  # units of the first column
+OF_TITLE = {"WAVLEN_MCRN": "um", "WAVLEN_NM": "nm"}  # unit of the first column by its title
 THERMAL = 5 * um  # from this wavelength on, the ground's reflected light counts as heat of the sky
 UNITS = "W / (m2 sr um)"
 ROUNDED = 0.01  # relative, of printed numbers of three digits
@@ -180,6 +181,10 @@ def _read(path: Path, unit: str) -> dict[str, Floats]:
     if len(marks) > 1:
         raise Refused(f"{path} must have one run, has {len(marks)}")
     titles = _titles(lines[marks[0]])
+    if (said := OF_TITLE.get(titles[0][0], unit)) != unit:
+        raise Refused(
+            f"{path}: unit must be {said}, that of its first column {titles[0][0]}, got {unit!r}"
+        )
     rows = list[list[float]]()
     for line in lines[marks[0] + 1 :]:
         row = _numbers(line, titles)

@@ -368,6 +368,24 @@ def test_output_in_nanometre_and_as_csv_is_read(tmp_path):
     np.testing.assert_allclose(table.spectrum, [500e-9, 510e-9, 520e-9])
 
 
+def test_the_title_of_the_first_column_states_its_unit(tmp_path):
+    """tape7.scn in micrometre; a title of two words is one column. W / cm2 / sr / um."""
+    for albedo, name in ((0.1, "a.scn"), (0.5, "b.scn")):
+        lines = [OLD.replace("    FREQ", " WAVLEN MCRN")]
+        for place in (0.5125, 0.5225, 0.5325):
+            row = [0.9, 0, 0, 0, 1e-4, 0, 4e-4 * albedo, 3e-4 * albedo, 1e-4 + 4e-4 * albedo, 0, 0]
+            lines.append(f"{place:12.6f}" + "".join(f"{value:11.4E}" for value in (*row, 0.2)))
+        (tmp_path / name).write_text("\n".join([*lines, " -9999."]) + "\n")
+    runs, out = (tmp_path / "a.scn", tmp_path / "b.scn"), tmp_path / "air.csv"
+    with pytest.raises(Refused, match=r"unit must be um, that of .* WAVLEN_MCRN, got 'cm-1'"):
+        import_tape7(runs, (0.1, 0.5), out)
+    import_tape7(runs, (0.1, 0.5), out, unit="um")
+    table = load_radiance_table(out)
+    np.testing.assert_allclose(table.spectrum, [512.5e-9, 522.5e-9, 532.5e-9])
+    np.testing.assert_allclose(table.path, 1e6, rtol=1e-4)
+    np.testing.assert_allclose(table.direct, 3e6, rtol=1e-4)
+
+
 def test_wrong_runs_are_refused(tmp_path):
     first, second = run(tmp_path / "a.tp7", 0.1), run(tmp_path / "b.tp7", 0.6)
     out = tmp_path / "air.csv"
