@@ -5,6 +5,7 @@ land            Reflectance and temperature of ground: covers by height, maps, t
                 spots.
 parameters      Imager, its channels, and Survey (camera, land and air of an Earth image), and
                 their files.
+spectrum_file   Text file of a spectral library, a filter or a detector, and its Curve.
 band            BandTable and thermal radiance of one channel, weighted with its response.
 lens            The lens of a channel over its field: directions of pixels, images of points,
                 illumination; weights of the rays around a pixel.
