@@ -16,6 +16,7 @@ from startrack.core import (
     Ints,
     Parameters,
     Range,
+    Refused,
     Unit,
     parameter,
 )
@@ -26,6 +27,7 @@ TEXELS = 1024  # texels along each side of the periodic texture
 # spectral exponent of the texture, as for `fractal`: rougher than mountains; chosen by hand
 ROUGHNESS = 1.2
 GREY = core.Curve((), (0.2,))
+BRIGHTEST = 2.0  # reflectance factor of a map: above the sunlit side of clouds
 DEPTHS = -1000.0  # metre, below all land
 
 
@@ -247,7 +249,13 @@ def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> F
             raise ValueError(f"land.maps must name maps of the terrain, {names}, got {map_.map!r}")
         share = np.interp(wavelength, at, np.eye(len(at))[n]) @ weight
         if share:
-            out += share * (ground.maps[map_.map] * map_.factor + map_.offset)
+            values = ground.maps[map_.map] * map_.factor + map_.offset
+            if (highest := float(np.fmax.reduce(values, initial=0.0))) > BRIGHTEST:
+                raise Refused(
+                    f"land.maps must give reflectance by factor and offset, at most {BRIGHTEST:g}, "
+                    f"got {highest:g} of {map_.map!r}"
+                )
+            out += share * values
     return out
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.core import Curve
+from startrack.core import Curve, Refused
 from startrack.core.units import deg, nm
 from startrack.earth.imager import load_survey
 from startrack.earth.imager.brdf import (
@@ -144,6 +144,9 @@ def test_maps_replace_the_reflectance_of_covers():
         ValueError, match=r"land.maps must name maps of the terrain, none, got 'b2'"
     ):
         reflectance(land, ground, *BAND)
+    numbers = Land(maps=(ReflectanceMap("b2", 490 * nm), ReflectanceMap("b4", 665 * nm)))
+    with pytest.raises(Refused, match=r"by factor and offset, at most 2, got 1000 of 'b2'"):
+        reflectance(numbers, mapped, *BAND)
 
 
 def test_a_spectrum_may_be_in_a_file_of_a_library(tmp_path):
