@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -158,7 +159,7 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     pixel = np.column_stack([columns[_alone(name)].value for name in pixels])
     ra = columns[_alone(chosen[0])]
     if kind == "radec" and not ra.sexagesimal and not _unit(ra, chosen[0]):
-        _refuse_hours(path, chosen[0], angles, pixel)
+        _refuse_other_units(path, chosen, angles, pixel)
     kelvin = _optional(names.temperature, bare, TEMPERATURES, path, "temperature")
     weight = _optional(names.weight, bare, (*WEIGHTS, *SIGMAS), path, "weight")
     for use, name in (
@@ -348,27 +349,35 @@ def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str, fir
         raise Refused(f"{path}: the column {_alone(name)} {error}") from None
 
 
-def _refuse_hours(path: Path, name: str, angles: Sequence[Floats], pixel: Floats) -> None:
-    """Refuse right ascensions without a unit that fit the pixels as hours and not as degrees.
+def _refuse_other_units(
+    path: Path, chosen: Sequence[str], angles: Sequence[Floats], pixel: Floats
+) -> None:
+    """Refuse places without a unit that fit the pixels as hours or radian, and not as degrees.
 
     The angle between two stars is nearly proportional to their distance in the image.
     """
     ra, dec = angles
-    seen = ra[np.isfinite(ra)]
+    seen, name = ra[np.isfinite(ra)], _alone(chosen[0])
     if len(seen) < 4 or seen.min() < 0 or seen.max() > 24 * deg:
         return
     distance = np.linalg.norm(np.diff(pixel, axis=0), axis=1)
-    spread = []
-    for factor in (1, 15):
-        chord = np.linalg.norm(np.diff(_vectors("radec", (factor * ra, dec)), axis=0), axis=1)
+
+    def spread(*places: Floats) -> float:
+        chord = np.linalg.norm(np.diff(_vectors("radec", places), axis=0), axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):  # of equal or missing places
             ratio = np.log(chord / distance)
-        spread.append(float(np.std(ratio[np.isfinite(ratio)])))
-    if spread[0] > LEAST_SPREAD and spread[1] < spread[0] / 2:
+        return float(np.std(ratio[np.isfinite(ratio)]))
+
+    as_degrees, unit = spread(ra, dec), ""
+    if as_degrees > LEAST_SPREAD and spread(15 * ra, dec) < as_degrees / 2:
+        unit = "hours"
+    elif seen.max() <= 2 * math.pi * deg and spread(ra / deg, dec / deg) < as_degrees / 2:
+        unit = "radian"
+    if unit:
         raise Refused(
-            f"{path}: the column {_alone(name)} must have a unit, in its name ({_alone(name)}_deg, "
-            f"{_alone(name)}_hours) or by the option ({_alone(name)}:h): its values, up to "
-            f"{seen.max() / deg:.4g}, fit the pixels as hours and not as degrees"
+            f"{path}: the column {name} must have a unit, in its name ({name}_deg, {name}_hours, "
+            f"{name}_rad) or by the option ({name}:h): its values, up to {seen.max() / deg:.4g}, "
+            f"fit the pixels as {unit} and not as degrees"
         )
 
 

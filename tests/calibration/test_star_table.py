@@ -39,6 +39,22 @@ def test_hours_without_a_unit_are_refused_and_named_by_an_option(tmp_path):
     np.testing.assert_allclose(directions(tmp_path / "b.csv", PLAIN), VECTOR, atol=1e-12)
 
 
+def test_radian_without_a_unit_are_refused_and_named_by_an_option(tmp_path):
+    """Forty degrees from the equator, where a step in right ascension is shorter than one in
+    declination."""
+    stars, middle = SkyCoord(RA, DEC + 40, unit="deg"), SkyCoord(8, 40, unit="deg")
+    seen = stars.transform_to(middle.skyoffset_frame())
+    x, y = np.tan(seen.lon.rad), np.tan(seen.lat.rad) / np.cos(seen.lon.rad)
+    frame = {"ra": stars.ra.rad, "dec": stars.dec.rad, "x": 700 + 4000 * x, "y": 500 + 4000 * y}
+    with pytest.raises(Refused, match="fit the pixels as radian and not as degrees"):
+        directions(tmp_path / "a.csv", frame)
+    names = Names(("ra:rad", "dec:rad"), "radec")
+    wanted = stars.cartesian.xyz.value.T
+    np.testing.assert_allclose(directions(tmp_path / "b.csv", frame, names), wanted, atol=1e-12)
+    frame |= {"ra": stars.ra.deg, "dec": stars.dec.deg}
+    np.testing.assert_allclose(directions(tmp_path / "c.csv", frame), wanted, atol=1e-12)
+
+
 @pytest.mark.parametrize("separator", [":", " ", "fromunit"])
 def test_minutes_and_seconds_are_those_of_astropy(tmp_path, separator):
     frame = PLAIN | {
