@@ -102,7 +102,7 @@ def write_front(
             for point in (points[0], points[-1])
         )
     ]
-    answer = f"{len(points)} designs on the front, by trials: from {ends[0]} to {ends[1]}"
+    answer = front_words(len(points), *ends)
     table = "\n".join([answer, "", *markdown([*head, *labels], rows)])
     first, second = (plots.with_unit(word, unit) for word, unit in zip(words, units, strict=True))
     plots.draw_front(options.out / "front.png", points, (first, second), trials)
@@ -118,3 +118,10 @@ def write_front(
     result = {"out": str(options.out), "goals": list(goals), "points": found}
     write_study(options, "front", table, result)
     return Exit.DONE
+
+
+def front_words(count: int, first: str, last: str) -> str:
+    """Number of designs on a front, and the goals at its ends."""
+    if count == 1:
+        return f"1 design is the best by both goals, by trials: {first}"
+    return f"{count} designs on the front, by trials: from {first} to {last}"

@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Estimate, Floats, Matches, Spots, Stars, arcsec, ra_dec
+from startrack.core import (
+    Camera,
+    Estimate,
+    Floats,
+    Matches,
+    Spots,
+    Stars,
+    arcsec,
+    finite,
+    ra_dec,
+    within,
+)
 from startrack.io.saving import whole
 
 if TYPE_CHECKING:
@@ -82,7 +93,12 @@ def celestials(axes: Floats) -> Floats:
 
 
 def pointing(ra: float, dec: float, roll: float) -> Rotation:
-    """The attitude icrs_to_camera of angles in degree as `celestial` gives them."""
+    """The attitude icrs_to_camera of angles in degree as `celestial` gives them.
+
+    Raises  Refused for a declination beyond a pole, or an angle that is no finite number.
+    """
+    finite(ra=ra, roll=roll)
+    within(-90, 90, dec=dec)
     ra_, dec_ = np.radians(ra), np.radians(dec)
     boresight = np.array([np.cos(dec_) * np.cos(ra_), np.cos(dec_) * np.sin(ra_), np.sin(dec_)])
     east = np.array([-np.sin(ra_), np.cos(ra_), 0.0])

@@ -172,13 +172,17 @@ def resume(
 
 
 def last_words(report: str) -> str:
-    """Last message of a traceback: trial, kind of error and sentence, on one line."""
+    """Last message of a traceback: trial, kind of error and sentence, on one line.
+
+    A refusal is its sentence alone.
+    """
     lines = [line for line in report.splitlines() if line.strip()]
     notes = list[str]()
     while lines and lines[-1].startswith("in trial "):
         notes.insert(0, lines.pop())
     raised = [n for n, line in enumerate(lines) if RAISED.match(line)]
     words = " ".join(" ".join(lines[raised[-1] if raised else -1 :]).split())
+    words = words.removeprefix(f"{Refused.__module__}.").removeprefix(f"{Refused.__name__}: ")
     return ", ".join((*notes, words)) if words or notes else "no words"
 
 

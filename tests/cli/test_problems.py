@@ -5,6 +5,7 @@ import json
 import pytest
 
 from startrack.cli.main import main
+from startrack.cli.pareto import front_words
 from startrack.io import shipped
 
 FEW = [
@@ -150,3 +151,8 @@ def test_a_key_of_a_scene_is_swept_and_solved_for(tmp_path, capsys):
     assert main(["solve-for", "hsrs", *key, *out]) == 3  # met by both
     left_out = json.loads(capsys.readouterr().out)["not_counted"]
     assert any("relief and clouds" in phrase for phrase in left_out)
+
+
+def test_a_front_of_one_design_says_that_there_is_no_choice():
+    assert front_words(1, "mass 1 kg", "mass 1 kg").startswith("1 design is the best by both goals")
+    assert front_words(2, "mass 1 kg", "mass 2 kg").endswith("from mass 1 kg to mass 2 kg")

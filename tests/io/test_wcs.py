@@ -5,6 +5,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 from scipy.spatial.transform import Rotation
 
+from startrack.core import Refused
 from startrack.core.camera import Camera
 from startrack.io.wcs import camera_to_wcs, celestial, pointing, wcs_header
 
@@ -20,6 +21,12 @@ LENSES = {
     "barrel": {"k1": -0.2, "k2": 0.05},
     "all": {"k1": 0.1, "k2": -0.02, "p1": 1e-3, "p2": -2e-3, "principal_x": 7.7, "principal_y": -3},
 }
+
+
+@pytest.mark.parametrize("angles", [(83.0, -95.0, 0.0), (float("nan"), 0.0, 0.0)])
+def test_angles_that_are_no_direction_are_refused(angles):
+    with pytest.raises(Refused, match=r"dec must lie in \[-90, 90\]|ra must be finite"):
+        pointing(*angles)
 
 
 @pytest.mark.parametrize("attitude", ATTITUDES.values(), ids=ATTITUDES)

@@ -4,12 +4,15 @@ import json
 import os
 import shutil
 import subprocess
+import traceback
 from concurrent.futures import Future
 from importlib import import_module
 
 import numpy as np
 import pytest
 
+from startrack.core import Refused
+from startrack.core.checks import whole
 from startrack.core.units import arcsec
 from startrack.montecarlo.resume import (
     FIRST_TEST,
@@ -17,6 +20,7 @@ from startrack.montecarlo.resume import (
     Precision,
     Watch,
     half_width,
+    last_words,
     resume,
 )
 from startrack.montecarlo.store import Store
@@ -264,3 +268,11 @@ def test_what_is_not_known_yet_is_null(case, outcomes, clock):
         values = watch.values()
     assert values["value"] is values["relative_half_width"] is None
     json.dumps(values, allow_nan=False)
+
+
+def test_the_last_words_of_a_refusal_are_its_sentence():
+    try:
+        whole(1, 3, stars=5)
+    except Refused:
+        words = last_words(traceback.format_exc())
+    assert words == "stars must be a whole number in [1, 3], got 5"
