@@ -292,6 +292,8 @@ def _figures_text(
     edge = ""
     if figures.illumination is not None:
         edge = f", lowest over the field; light {100 * figures.illumination:.1f} % of the middle's"
+    if channel.detector.scan and channel.detector.scan.kind == "staggered":
+        edge += ", at half a cycle per pixel; staggered lines sample twice as finely"
     if channel.restore is not None:
         edge += f", after a Wiener filter for SNR {channel.restore:g}"
     amplified = "" if figures.amplified == 1 else f", times {figures.amplified:.3g} by the filter"

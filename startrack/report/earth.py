@@ -64,7 +64,9 @@ def _camera(survey: Survey) -> str:
         "saturates at",
         "Mbit / s",
     )
-    return table("Figures of each channel over flat ground below, at Nyquist", head, rows)
+    return table(
+        "Figures of each channel over flat ground below; MTF at half a cycle per pixel", head, rows
+    )
 
 
 def _requirements(survey: Survey) -> str:

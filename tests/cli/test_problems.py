@@ -22,6 +22,13 @@ def test_a_change_of_a_scene_without_its_unit_is_said(capsys):
     assert "orbit.altitude must have a unit, such as '1 km', got -5.0" in capsys.readouterr().err
 
 
+def test_the_mtf_of_staggered_lines_says_its_frequency(capsys):
+    for scene, said in (("hsrs", 2), ("waoss", 0)):
+        assert main(["requirements", scene]) == 0
+        words = "at half a cycle per pixel; staggered lines sample twice as finely"
+        assert capsys.readouterr().out.count(words) == said
+
+
 def test_scenes_with_other_objectives_are_refused_before_any_trial(capsys):
     assert main(["compare", "mertis", "hsrs", "--trials", "100000000", *SHORT]) == 2
     words = "one objective, got error of emissivity and smallest fire"
