@@ -1,6 +1,7 @@
 """A Frame enters, with its dark frame and flat field; calibrated pixels as float32 leave."""
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -261,6 +262,7 @@ def _filled(value: Singles, dead: Flags) -> Singles:
 
 HOT = 5.0  # sigma of the frame; above, a pixel's shot noise is comparable to the frame's
 NEIGHBOURHOOD = 5  # pixel
+SAME_EXPOSURE = 0.05  # relative difference of the exposures of an image and its dark frame
 
 
 def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
@@ -273,11 +275,18 @@ def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
     frame, dark  of the same shape, exposure and temperature; the dark frame is best a median of
                  many
     Returns      Frame of float32; its offset is 0, because the dark frame contains the offset
-    Raises       ValueError if the shapes differ.
+    Raises       ValueError if the shapes differ. Warns of another exposure, if both are known.
     """
     if frame.image.shape != dark.image.shape:
         raise Refused(
             f"dark must have the frame's shape {frame.image.shape}, got {dark.image.shape}"
+        )
+    if abs(dark.exposure - frame.exposure) > SAME_EXPOSURE * frame.exposure:
+        # Without a path: once for all files of a series.
+        warnings.warn(
+            f"dark has an exposure of {dark.exposure:g} s and the image of {frame.exposure:g} s: "
+            "its dark current is not that of the image",
+            stacklevel=2,
         )
     difference = np.subtract(frame.image, dark.image, dtype=np.float32)
     level = np.nan_to_num(np.asarray(dark.image, np.float32))

@@ -273,3 +273,6 @@ def test_dark_frame_takes_pattern_and_hot_pixels_off(sky):
 def test_dark_frame_of_another_shape_is_refused():
     with pytest.raises(ValueError, match="dark must have the frame's shape"):
         subtract_dark(Frame(np.zeros((4, 5))), Frame(np.zeros((5, 4))))
+    short, long = (Frame(np.zeros((4, 5)), exposure=second) for second in (0.1, 10.0))
+    with pytest.warns(UserWarning, match="dark has an exposure of 10 s and the image of 0.1 s"):
+        subtract_dark(short, long)

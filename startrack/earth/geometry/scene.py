@@ -1,6 +1,7 @@
 """EarthScene: a camera in flight over terrain, from a scene file; the ground that it sees."""
 
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,6 +19,7 @@ from startrack.core import (
     Floats,
     Parameters,
     Range,
+    Refused,
     Unit,
     parameter,
     printed,
@@ -182,9 +184,32 @@ class Terrain(Parameters):
         if not self.files and self.fractal is None:
             raise ValueError("files or fractal must be given, got neither")
 
+    def _require_level(self, files: list[Raster]) -> None:
+        """Refuse heights above the ellipsoid beside a geoid; warn of heights above one, without."""
+        for file in files:
+            surface, gravity = file.scaling[3:]
+            if surface and self.geoid and not gravity:
+                raise Refused(
+                    f"terrain.geoid must be left out, as heights of {file.path} are above the "
+                    f"ellipsoid of {surface}"
+                )
+            if gravity and not self.geoid:
+                warnings.warn(
+                    f"heights of {file.path} are above a level surface ({surface}), but "
+                    "terrain.geoid is not given: they count from the ellipsoid, up to 100 m away",
+                    stacklevel=3,
+                )
+                return  # once for all tiles
+
     def open(self, folder: Path) -> Pyramid:
-        """The terrain; files are relative to the folder of the scene file."""
-        sources: list[Source] = [Raster(path, heights=True) for path in find(folder, self.files)]
+        """The terrain; files are relative to the folder of the scene file.
+
+        Raises  Refused for a geoid beside heights that are above the ellipsoid already. Warns of
+                heights above a geoid that no geoid's grid is given for.
+        """
+        files = [Raster(path, heights=True) for path in find(folder, self.files)]
+        self._require_level(files)
+        sources: list[Source] = [*files]
         if self.fractal:
             sources.append(self.fractal.source())
         geoid = Raster(folder / self.geoid, heights=True) if self.geoid else None

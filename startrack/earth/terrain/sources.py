@@ -67,12 +67,14 @@ class Scaling(NamedTuple):
 
     unit     unit of the numbers as the file names it; "" if it does not
     surface  vertical coordinate system of heights; "" if the file names none
+    gravity  whether this system is of a geoid or another level, and not of an ellipsoid
     """
 
     scale: float
     offset: float
     unit: str
     surface: str
+    gravity: bool = False
 
 
 class Extremes(NamedTuple):
@@ -166,9 +168,9 @@ class Raster:
                 )
             if not self.heights:
                 return Scaling(scale, offset, file.units[self.band - 1] or "", "")
-            unit, surface = _height_unit(self.path, file.units[self.band - 1], file.crs)
+            unit, surface, gravity = _height_unit(self.path, file.units[self.band - 1], file.crs)
         metre = METRES[unit.lower()] if unit else 1.0
-        return Scaling(scale * metre, offset * metre, unit, surface)
+        return Scaling(scale * metre, offset * metre, unit, surface, gravity)
 
     def read(self, grid: Grid) -> Singles:
         """Values by bilinear interpolation (nearest if exact), smoothed by GDAL for coarser steps.
@@ -308,23 +310,23 @@ def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int,
     return transform, math.ceil(columns * warped.a / across), math.ceil(-rows * warped.e / down)
 
 
-def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
+def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str, bool]:
     """Unit of the heights of a file, "" for none; their vertical coordinate system, if the file
-    names it.
+    names it; and whether that is of gravity, as a third axis of an ellipsoid's system is not.
 
     Raises  Refused if the unit is not a length, band and coordinate system disagree, or the axis
             points down.
     """
     table = system.to_dict(projjson=True)
     axes = [
-        (axis, part["name"])
+        (axis, part["name"], part.get("type") == "VerticalCRS")
         for part in table.get("components", [table])
         for axis in part.get("coordinate_system", {}).get("axis", [])
         if axis["direction"] in ("up", "down")
     ]
-    surface, vertical = "", ""
+    surface, vertical, gravity = "", "", False
     if axes:
-        axis, surface = axes[0]
+        axis, surface, gravity = axes[0]
         if axis["direction"] == "down":
             raise Refused(f"{path} must have heights, got depths: {surface} points down")
         unit = axis.get("unit", "metre")
@@ -351,7 +353,7 @@ def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
             f"heights of {path} must have a unit, as its eastings and northings are in {feet[0]}: "
             "give the band's, for example by gdal_edit.py -units ft"
         )
-    return (units[0] if units else ""), surface
+    return (units[0] if units else ""), surface, gravity
 
 
 @contextmanager

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from startrack.core import Refused
+from startrack.earth.geometry.scene import Terrain
 from startrack.earth.terrain import Array, Grid, Mosaic, Pyramid, Raster, survey, up
 
 from .scenes import mountains, random_rays
@@ -109,6 +111,19 @@ def test_scale_offset_and_unit_of_heights_are_applied(tmp_path):
     # A map of something else keeps its numbers, in whatever unit.
     assert Raster(files[5]).read(GRID) is not None
     assert Raster(files[5]).scaling.scale == 1
+
+
+def test_a_named_level_of_heights_and_the_geoid_of_a_scene_agree(tmp_path):
+    """EPSG 5773 is EGM96, 4979 longitude, latitude and height above the ellipsoid of WGS84."""
+    flat(tmp_path / "egm.tif", 300, crs="EPSG:4326+5773")
+    flat(tmp_path / "wgs.tif", 300, crs="EPSG:4979")
+    flat(tmp_path / "plain.tif", 300)
+    with pytest.warns(UserWarning, match=r"egm.tif .*\(EGM96 height\), but terrain.geoid is not"):
+        Terrain(("egm.tif",)).open(tmp_path)
+    with pytest.raises(Refused, match=r"geoid must be left out, .*wgs.tif .*ellipsoid of WGS 84"):
+        Terrain(("wgs.tif",), geoid="plain.tif").open(tmp_path)
+    for name, geoid in (("egm", "plain.tif"), ("wgs", None), ("plain", "plain.tif")):
+        Terrain((f"{name}.tif",), geoid=geoid).open(tmp_path)
 
 
 def test_heights_that_can_be_read_two_ways_are_refused(tmp_path):
