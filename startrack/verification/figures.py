@@ -22,6 +22,8 @@ MEMBERS = 60  # most exposures of a cell whose images the model averages
 CLEAR = 0.2  # largest deviation of an exposure's light from the median light, relative
 ROUNDING = 1 / 12  # variance by rounding of numbers
 THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, removes a parabola
+# Degrees of freedom of third differences that each fitted term takes: they are correlated in time.
+LOST = float((np.correlate(THIRD, THIRD, "full") ** 2).sum())
 GROUP = 150  # differences of one pixel at one level that form a group of the photon transfer
 CLIP = 5.0  # sigma; larger differences are left out
 PULL = 4.0  # sigma; groups with larger deviations are left out: their pixel flickers
@@ -146,7 +148,7 @@ def measure(
         scalar = {
             "background": float(level_of(windows, box).mean()),
             "brightness": float(np.median(track.total)),
-            **_photon_transfer(windows, read_noise),
+            **_photon_transfer(windows, read_noise, motion.others),
             "image": image_difference(track, box, psfs[number]) if psfs else math.nan,
             **errors,
             "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(windows.corner)),
@@ -156,10 +158,12 @@ def measure(
     return measured
 
 
-def _photon_transfer(windows: Windows, read_noise: float) -> dict[str, float]:
+def _photon_transfer(
+    windows: Windows, read_noise: float, motion: Floats | None
+) -> dict[str, float]:
     """Gain, read noise and offset from `_transfer_line`; NaN if the image moves too often."""
     try:
-        rest, slope = _transfer_line(windows)
+        rest, slope = _transfer_line(windows, motion)
     except Refused:
         return dict.fromkeys(("gain", "read_noise", "offset"), math.nan)
     offset = (read_noise**2 + ROUNDING - rest) / slope
@@ -190,11 +194,13 @@ class OwnMotion(NamedTuple):
     calm   (n - 3,) whether four successive exposures are known and their images did not move
     scale  1, factor from `off` to the error of one star, because the common motion contains a part
            of this error
+    others (n, 2) pixel, mean place of the other stars; None if it is unknown
     """
 
     off: Floats
     calm: Flags
     scale: float
+    others: Floats | None = None
 
 
 def about_common(seen: Sequence[Centroids]) -> list[OwnMotion]:
@@ -235,7 +241,8 @@ def about_common(seen: Sequence[Centroids]) -> list[OwnMotion]:
         off[together] = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
         four = together[:-3] & together[1:-2] & together[2:-1] & together[3:]
         scale = math.sqrt(len(members) / (len(members) - 1))
-        found.append(OwnMotion(off, mine & four & np.all(quiet, axis=0), scale))
+        away = np.mean([p for k, p in zip(members, others, strict=True) if k != number], axis=0)
+        found.append(OwnMotion(off, mine & four & np.all(quiet, axis=0), scale, away))
     return found
 
 
@@ -310,12 +317,20 @@ def _read_noise(rest: float) -> float:
     return math.sqrt(max(rest - ROUNDING, 0.0))
 
 
-def _transfer_line(windows: Windows) -> tuple[float, float]:
-    """Variance without light, and its slope over the mean; digital numbers."""
+def _transfer_line(windows: Windows, motion: Floats | None = None) -> tuple[float, float]:
+    """Variance without light, and its slope over the mean; digital numbers.
+
+    motion  (n, 2) pixel, places of other stars: the part of each pixel that follows them is
+            subtracted, because motion between exposures changes bright pixels as noise does
+    """
     calm = still(windows)
     number = windows.number.reshape(len(windows.number), -1)
     level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
     third = third_differences(number)[calm]
+    if motion is not None and len(third) > FEWEST_IMAGES:
+        moved = third_differences(motion)[calm]
+        third = third - moved @ np.linalg.lstsq(moved, third, rcond=None)[0]
+        third *= math.sqrt(len(third) / (len(third) - LOST * moved.shape[1]))
     groups = []
     for pixel in np.flatnonzero(np.ptp(number, axis=0) > 0):
         order = np.argsort(level[:, pixel])

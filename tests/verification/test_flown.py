@@ -25,6 +25,7 @@ from startrack.verification.figures import (
     correlation,
     gain_in_flight,
     image_of_other,
+    measure,
 )
 from startrack.verification.flown import _of_devices, compare_flown
 from startrack.verification.prediction import SMOOTH, _paths
@@ -50,6 +51,24 @@ def test_photon_transfer_in_flight_finds_gain_and_read_noise():
     gain, noise = gain_in_flight(still())
     assert gain == pytest.approx(GAIN, rel=0.05)
     assert noise == pytest.approx(NOISE / GAIN, rel=0.1)
+
+
+def test_motion_between_exposures_is_no_noise_of_the_photon_transfer():
+    """Six stars that move together by 0.05 pixel rms, 600 exposures: mean gain within 5 %.
+
+    Over 30 seeds the mean has a standard deviation of 1 %; with the motion as noise it is 37 % too
+    small.
+    """
+    case, rng = load_design(shipped("designs/noise_only.toml")).case, np.random.default_rng(3)
+    path, stars = 0.05 * rng.standard_normal((600, 2, 1, 1)), []
+    for n in range(6):
+        y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2 - rng.uniform(-0.5, 0.5, (2, 1, 1))
+        spot = np.exp(-((x - path[:, 0]) ** 2 + (y - path[:, 1]) ** 2) / 2)
+        electrons = rng.poisson(4000 * spot / (2 * np.pi)) + 4 * rng.standard_normal(spot.shape)
+        corner = np.tile([100 * n, 200], (600, 1))
+        stars.append(Windows(f"s{n}", np.arange(600.0), electrons / GAIN, corner))
+    gain = [one.scalar["gain"] for one in measure(stars, case.tracker.box)]
+    assert np.mean(gain) == pytest.approx(GAIN, rel=0.05)
 
 
 def test_windows_are_read_from_npz_and_fits(tmp_path):
