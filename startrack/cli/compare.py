@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ if wanted(__name__):
         Column,
         Table,
         trials_for_level,
+        units_of,
     )
     from startrack.montecarlo import Difference as Found
     from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
@@ -43,13 +45,13 @@ class ComparedSide(NamedTuple):
     """One side of the comparison: a design, or a campaign with its trials.
 
     outcomes  None for a design, whose trials are run by the command
-    drawn     source of attitudes and noise: seed and kind of attitudes
+    drawn     source of attitudes and noise: seed, kind of attitudes, and trials of each unit
     """
 
     case: Case
     campaign: Campaign | None
     outcomes: Rows | None
-    drawn: tuple[int, str] | None
+    drawn: tuple[int, str, int] | None
 
 
 declare = Options(
@@ -93,12 +95,11 @@ def command(options: argparse.Namespace) -> int:
         "parameters": {name: list(pair) for name, pair in changed.items()},
         "statistics": {difference.name: _row(difference).json()[0] for difference in statistics},
     }
-    trials = len(tables[0]), len(tables[1])
-    text = _text(options, changed, statistics, paired, trials)
+    text = _text(options, changed, statistics, paired, tables)
     if of_designs:
         more, lines = _over_unknowns(options, statistics)
         result |= more
-        text += lines
+        text += [*lines, *_left_out({options.first: first, options.second: second})]
     print_result(options, result, *text)
     return Exit.DONE
 
@@ -112,7 +113,9 @@ def _read(path: Path, changes: list[str]) -> ComparedSide:
     if changes:
         raise WrongUse(f"--set must be given with design files alone, got {path}")
     with shared.as_wrong_use(), Store(path) as store:
-        outcomes, drawn = store.outcomes(), (store.seed, store.sampling.attitudes)
+        sampling = store.sampling
+        outcomes = store.outcomes()
+        drawn = store.seed, sampling.attitudes, sampling.units.trials
         if not len(outcomes):
             raise WrongUse(f"{path} must hold trials, but holds none")
         return ComparedSide(store.case, store.campaign, outcomes, drawn)
@@ -177,6 +180,16 @@ def _over_unknowns(
     return {"not_known": values}, lines
 
 
+def _left_out(sides: Mapping[Path, ComparedSide]) -> Iterator[str]:
+    """A sentence on designs whose units differ."""
+    names = [path.stem for path, side in sides.items() if side.case.differs]
+    if names:
+        yield (
+            f"noise only: what differs between the units of {' and '.join(names)} is left out; "
+            "stores of startrack montecarlo --units N have it"
+        )
+
+
 def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Rows, Rows]:
     """The trials of two campaigns; for paired campaigns, only trials with the same numbers."""
     assert first.outcomes is not None
@@ -232,8 +245,9 @@ def _text(
     changed: dict[str, tuple[str, str]],
     statistics: list[Found],
     paired: bool,
-    trials: tuple[int, int],
+    tables: tuple[Rows, Rows],
 ) -> list[str]:
+    trials = len(tables[0]), len(tables[1])
     names = str(options.first), str(options.second)
     rows = [["", *names, CHANGE]]
     rows += [_row(difference).cells[0] for difference in statistics]
@@ -247,7 +261,9 @@ def _text(
     open_ended = [
         found.name for found in statistics if found.change.value and math.isinf(found.change.high)
     ]
-    if open_ended:
+    if any(units_of(table) is not None for table in tables):
+        lines.append("trials of units count as one value of each unit, and bound no level")
+    elif open_ended:
         needed = trials_for_level(LEVEL)
         few, level = min(trials), 100 * LEVEL
         lines.append(f"{few} trials bound no level of {level:g} %; {needed} with an attitude would")

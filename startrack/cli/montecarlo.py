@@ -182,7 +182,11 @@ def command(options: argparse.Namespace) -> int:
     case, campaign = design.case, design.campaign
     limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
     watched = Precision(
-        options.precision or UNREACHED, options.statistic, options.confidence, options.sobol, limits
+        options.precision or UNREACHED,
+        options.statistic,
+        options.confidence,
+        options.sobol and not options.units,
+        limits,
     )
     sampling = _sampling(options, case)
     _refuse_parts(options)
@@ -378,7 +382,7 @@ def _details(options: argparse.Namespace, tried: TriedDesign, precision: Precisi
     """Gain of the variance reduction, ends of the trials, and uncertainty of the statistic."""
     result: dict[str, Any] = {}
     text = []
-    if options.control or options.sobol:
+    if options.control or (options.sobol and not options.units):
         rows = _reduced_variance(tried.outcomes, options.sobol)
         result["helped"] = metrics.to_json(rows)
         text += metrics.to_lines(rows)
@@ -462,8 +466,9 @@ def _required(
         assert claim.accuracy
         shown = metrics.bracketed(bounds, ".3f", arcsec)
         if math.isfinite(bounds.low) and not math.isfinite(bounds.high):
-            shown = f"{bounds.value / arcsec:.3f}, at least {bounds.low / arcsec:.3f} (too few "
-            shown += "trials for an upper bound)"
+            least = f", at least {bounds.low / arcsec:.3f}" if bounds.low else ""
+            few = "trials" if metrics.units_of(outcomes) is None else "units"
+            shown = f"{bounds.value / arcsec:.3f}{least} (too few {few} for an upper bound)"
         alike = claim.accuracy.objective.rms_per_axis
         if alike and getattr(known, claim.accuracy.name) == bounds:
             shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"

@@ -59,11 +59,14 @@ from startrack.metrics.summary import (
     beyond_ten_sigma,
     bounds_of_mean,
     fraction_interval,
+    fraction_of_trials,
+    independent,
     interval_table,
     interval_text,
     mean_bounds,
     rms_interval,
     summarise,
+    units_of,
 )
 
 # Public; the other imports serve other rooms.

@@ -83,20 +83,21 @@ def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> t
 
 
 def level_bounds(
-    squares: Floats, fraction: float, low_tail: float, high_tail: float
+    squares: Floats, fraction: float, low_tail: float, high_tail: float, number: int | None = None
 ) -> tuple[float, float]:
     """Bounds of a level of squares by order statistics, as for `level_interval`.
 
     squares  (n,), or (n, m) with m dependent values (axes, frames), which count as one of n
     low_tail, high_tail  probabilities that each bound does not hold
+    number   of independent groups of equal size; None: n
     Returns  squares; 0 and infinity where the values are too few
     """
-    ordered, n = np.sort(squares, axis=None), len(squares)
-    each = ordered.size // n if n else 1
+    ordered, n = np.sort(squares, axis=None), len(squares) if number is None else number
+    each = ordered.size / n if n else 1
     low, high = level_ranks(n, fraction, low_tail, high_tail)
     return (
-        float(ordered[each * low - 1]) if low > 0 else 0.0,
-        float(ordered[each * high - 1]) if high <= n else math.inf,
+        float(ordered[math.floor(each * low) - 1]) if low > 0 else 0.0,
+        float(ordered[math.ceil(each * high) - 1]) if high <= n else math.inf,
     )
 
 

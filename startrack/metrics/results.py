@@ -234,7 +234,9 @@ def summary_rows(summary: Summary, limits: ErrorLimits = STATED_ALONE) -> list[R
     false = f"(off by more than {FALSE_ANGLE / deg:g} deg)"
     off = f"(off by more than {limits_text(limits)})"
     ends = summary.across.high, summary.about.high
-    few = "; open: more trials give an upper bound" if any(map(math.isinf, ends)) else ""
+    more = "units" if summary.units else "trials"
+    few = f"; open: more {more} give an upper bound" if any(map(math.isinf, ends)) else ""
+    over = f" over {summary.units} units" if summary.units else ""
     trusted = "(3 if the tracker's covariance is right)"
     return [
         Row(
@@ -261,5 +263,12 @@ def summary_rows(summary: Summary, limits: ErrorLimits = STATED_ALONE) -> list[R
         Row("beyond_ten_sigma", summary.beyond),
         Row("covariance_doubt", summary.doubt),
         Row("stars", summary.stars, "matched stars", PURE, ".1f"),
-        Row("trials", summary.trials, "trials", PURE, "d", f"(intervals: 95 % confidence{few})"),
+        Row(
+            "trials",
+            summary.trials,
+            "trials",
+            PURE,
+            "d",
+            f"(intervals: 95 % confidence{over}{few})",
+        ),
     ]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from startrack.core import Floats, Rows, arcsec, printed
+from startrack.core import Flags, Floats, Ints, Rows, arcsec, printed
 from startrack.metrics.judge import STATED_ALONE, ErrorLimits, correct
 
 
@@ -45,6 +45,8 @@ class Summary:
     inaccurate    fraction of trials with an attitude that is not false, but off by more than is
                   required of it, or by more than five standard deviations that the tracker states
                   where nothing is
+    units         number of units of the trials, from which the intervals are; 0: all trials are of
+                  the unit as designed
     """
 
     across: Interval
@@ -56,6 +58,7 @@ class Summary:
     trials: int
     beyond: int
     inaccurate: Interval
+    units: int = 0
 
     @property
     def table(self) -> Rows:
@@ -125,25 +128,28 @@ def summarise(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Summary:
     Errors, `nees` and `stars` are taken over all solved trials that are not false: those that are
     off by more than is required count, too.
 
+    Trials of units are independent from unit to unit alone: see `independent`.
+
     limits  of a correct attitude
     """
     solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
     across = (solved["error_x"] ** 2 + solved["error_y"] ** 2) / 2
-    hits = int(correct(outcomes, limits).sum())
-    n, false = len(outcomes), int(outcomes["false"].sum())
+    right, false = correct(outcomes, limits), outcomes["false"]
+    inaccurate, unit = outcomes["solved"] & ~false & ~right, units_of(outcomes)
     nees, stars = (
         float(solved[name].mean()) if len(solved) else float("nan") for name in ("nees", "stars")
     )
     return Summary(
-        across=rms_interval(across),
-        about=rms_interval(solved["error_z"] ** 2),
-        availability=fraction_interval(hits, n),
-        false=fraction_interval(false, n),
+        across=rms_interval(independent(across, solved)),
+        about=rms_interval(independent(solved["error_z"] ** 2, solved)),
+        availability=fraction_of_trials(right, outcomes),
+        false=fraction_of_trials(false, outcomes),
         nees=nees,
         stars=stars,
-        trials=n,
+        trials=len(outcomes),
         beyond=beyond_ten_sigma(outcomes[outcomes["solved"]]),
-        inaccurate=fraction_interval(len(solved) - hits, n),
+        inaccurate=fraction_of_trials(inaccurate, outcomes),
+        units=0 if unit is None else len(np.unique(unit)),
     )
 
 
@@ -153,6 +159,51 @@ def beyond_ten_sigma(solved: Rows) -> int:
         np.column_stack([solved[f"{of}_{axis}"] for axis in "xyz"]) for of in ("error", "sigma")
     )
     return int((np.abs(error) > BEYOND * sigma).any(axis=1).sum())
+
+
+def independent(values: Floats, outcomes: Rows) -> Floats:
+    """Values (n,) of trials; of trials of units, a value for each unit, with the same mean.
+
+    Trials of one unit share its bias, so that only its sum is independent of other units. The sums
+    are divided by the mean number of trials of a unit.
+    """
+    unit = units_of(outcomes)
+    if unit is None or not len(values):
+        return values
+    sums = np.bincount(unit, values)
+    return np.asarray(sums * (len(sums) / len(values)), np.float64)
+
+
+def units_of(outcomes: Rows) -> Ints | None:
+    """(n,) numbers of the units of trials, counted from 0; None for the unit as designed."""
+    if "unit" not in (outcomes.dtype.names or ()):
+        return None
+    return np.asarray(np.unique(outcomes["unit"], return_inverse=True)[1])
+
+
+def fraction_of_trials(met: Flags, outcomes: Rows, confidence: float = 0.95) -> Interval:
+    """Fraction of the trials, by `fraction_interval`.
+
+    Of trials of units, the effective number of trials counts, at most all,
+
+        p (1 - p) / var(p) (t(n - 1) / t(u - 1))^2
+
+    with n trials of u units, the variance of p by the scatter of its units, and Student's quantiles
+    t. If no unit differs, all trials count.
+
+    Source: Korn and Graubard (1998), Survey Methodology 24, 193.
+    """
+    n, hits, unit = len(met), int(met.sum()), units_of(outcomes)
+    if unit is None or hits in (0, n):
+        return fraction_interval(hits, n, confidence)
+    beyond, units = np.bincount(unit, met - hits / n), int(unit.max()) + 1
+    if units < 2:
+        return Interval(hits / n, 0.0, 1.0)
+    variance = units / (units - 1) * float(beyond @ beyond) / n**2
+    students = special.stdtrit(np.array([n - 1, units - 1]), (1 + confidence) / 2)
+    effective = hits / n * (1 - hits / n) / variance * (students[0] / students[1]) ** 2
+    part = min(effective / n, 1.0)
+    return fraction_interval(part * hits, part * n, confidence)
 
 
 def rms_interval(squares: Floats, confidence: float = 0.95) -> Interval:

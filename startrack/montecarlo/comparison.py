@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Advance, Flags, Refused, Rows
+from startrack.core import Advance, Refused, Rows
 from startrack.design import Case, Fidelity, Objective
 from startrack.trial import run_trials
 
@@ -47,15 +47,15 @@ def differences(
     """Errors and availability of two campaigns: ratios of errors, and difference of availability.
 
     Errors: if paired, over the trials that both solved; intervals as for `Objective.ratio`. Levels
-    have unbounded intervals if there are too few trials. Availability: Agresti and Min (2005),
+    have unbounded intervals if there are too few trials, or if trials of units depend on each
+    other. Trials of units count as one value of each unit. Availability: Agresti and Min (2005),
     Statist. Med. 24, 729, for pairs; else from the two exact intervals of independent fractions
     (Newcombe 1998, Statist. Med. 17, 873, method 10).
 
     first, second  outcomes; if paired, of the same trials in the same order
     limits         of a correct attitude, for each campaign
     """
-    right = metrics.correct(first, limits[0]), metrics.correct(second, limits[1])
-    return [*_errors(first, second, paired), _availability(*right, paired)]
+    return [*_errors(first, second, paired), _availability((first, second), limits, paired)]
 
 
 def _errors(first: Rows, second: Rows, paired: bool) -> Iterator[Difference]:
@@ -63,26 +63,37 @@ def _errors(first: Rows, second: Rows, paired: bool) -> Iterator[Difference]:
     if paired:
         solved = [solved[0] & solved[1]] * 2
     first, second = first[solved[0]], second[solved[1]]
+    of_units = any(metrics.units_of(side) is not None for side in (first, second))
     for objective in STATISTICS:
         a, b = objective.squares(first), objective.squares(second)
         before, after = (
             float(objective.of(squares)) if len(squares) else math.nan for squares in (a, b)
         )
-        ratio = objective.ratio([b], [a], paired=paired)
+        if objective.fraction is None:
+            a, b = metrics.independent(a, first), metrics.independent(b, second)
+            ratio = objective.ratio([b], [a], paired=paired)
+        elif of_units:
+            ratio = metrics.Interval(after / before, 0.0, math.inf)
+        else:
+            ratio = objective.ratio([b], [a], paired=paired)
         yield Difference(str(objective), before, after, ratio)
 
 
-def _availability(first: Flags, second: Flags, paired: bool) -> Difference:
+def _availability(
+    sides: tuple[Rows, Rows], limits: tuple[metrics.ErrorLimits, metrics.ErrorLimits], paired: bool
+) -> Difference:
+    first, second = (metrics.correct(*side) for side in zip(sides, limits, strict=True))
     before, after = float(first.mean()), float(second.mean())
     if paired:
-        n = len(first) + 2
-        gained = (int((second & ~first).sum()) + 0.5) / n
-        lost = (int((first & ~second).sum()) + 0.5) / n
+        changed = second & ~first, first & ~second
+        gains, losses = (metrics.independent(one.astype(np.float64), sides[0]) for one in changed)
+        n = len(gains) + 2
+        gained, lost = (float(gains.sum()) + 0.5) / n, (float(losses.sum()) + 0.5) / n
         variance = max(gained + lost - (gained - lost) ** 2, 0.0) / n
         half = float(special.ndtri(0.975)) * math.sqrt(variance)
         change = metrics.Interval(after - before, gained - lost - half, gained - lost + half)
     else:
-        a, b = (metrics.fraction_interval(int(met.sum()), len(met)) for met in (first, second))
+        a, b = map(metrics.fraction_of_trials, (first, second), sides)
         low = after - before - math.hypot(after - b.low, a.high - before)
         high = after - before + math.hypot(b.high - after, before - a.low)
         change = metrics.Interval(after - before, low, high)

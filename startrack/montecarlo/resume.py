@@ -64,16 +64,18 @@ class Precision(Parameters):
         """
         solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
-            hits = int(metrics.correct(outcomes, self.limits).sum())
-            return metrics.fraction_interval(hits, len(outcomes), self.confidence)
+            right = metrics.correct(outcomes, self.limits)
+            return metrics.fraction_of_trials(right, outcomes, self.confidence)
         squares = solved["error_x"] ** 2 + solved["error_y"] ** 2
         if self.statistic == "across-99.73":
-            return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
+            unit = metrics.units_of(solved)
+            number = None if unit is None else len(np.unique(unit))
+            return quantile_interval(np.sqrt(squares), 0.9973, self.confidence, number)
         about = self.statistic == "about"
         if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
             return mean_square(outcomes, about, self.sobol).root(self.confidence)
         squares = solved["error_z"] ** 2 if about else squares / 2
-        return metrics.rms_interval(squares, self.confidence)
+        return metrics.rms_interval(metrics.independent(squares, solved), self.confidence)
 
     def reached(self, outcomes: Rows) -> bool:
         """Whether the interval is narrow enough."""
@@ -100,20 +102,22 @@ def half_width(interval: metrics.Interval) -> float:
 
 
 def quantile_interval(
-    values: Floats, fraction: float, confidence: float = 0.95
+    values: Floats, fraction: float, confidence: float = 0.95, number: int | None = None
 ) -> metrics.Interval:
-    """A quantile of non-negative values, with the interval of `level_interval`.
+    """A quantile of non-negative values, with the interval of `level_bounds`.
 
     fraction  in (0, 1)
+    number    of independent groups of values; None: all values are independent
     Returns  the least value that this fraction does not exceed; its interval is unbounded above if
              there are too few values
     Accuracy  NaN without values. The coverage is at least the confidence.
     """
     if len(values) == 0:
         return metrics.Interval(math.nan, math.nan, math.nan)
-    bounds = metrics.level_interval(values, fraction, confidence)
+    tail = (1 - confidence) / 2
+    bounds = metrics.level_bounds(values, fraction, tail, tail, number)
     rank = max(math.ceil(len(values) * fraction), 1) - 1
-    return metrics.Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)
+    return metrics.Interval(float(np.partition(values, rank)[rank]), *bounds)
 
 
 FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand

@@ -9,7 +9,7 @@ from startrack.core import Advance, Rows, described, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
-from startrack.population import AS_DESIGNED, AsDesigned, Units
+from startrack.population import AS_DESIGNED, AsDesigned, Units, with_units
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -67,7 +67,8 @@ class TrialRunner:
     ) -> Rows:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
-        units     assignment of trials to units; or all trials are of the unit as designed
+        units     assignment of trials to units, which adds a column `unit`; or all trials are of
+                  the unit as designed
         progress  called with the number of trials that were just done
         Raises    Refused if the design cannot be built or rendered, also on each later call;
                   any other exception is a fault and is not written to the ledger.
@@ -89,7 +90,7 @@ class TrialRunner:
 
         outcomes = self.ledger.completed(key, trials, make)
         self._count(key, fidelity, trials)
-        return outcomes
+        return with_units(outcomes, units.trials) if isinstance(units, Units) else outcomes
 
     def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
         self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])

@@ -21,6 +21,7 @@ from startrack.population.yields import (
     stored_units,
     unit_errors,
     unit_trials,
+    with_units,
 )
 
 # Public; the other imports serve other rooms.

@@ -167,6 +167,15 @@ def unit_trials(
     return table
 
 
+def with_units(outcomes: Rows, trials: int) -> Rows:
+    """Outcomes with a column of the unit: that many trials are of one unit, then of the next."""
+    table = np.empty(len(outcomes), [*OUTCOMES.descr, ("unit", np.int64)])
+    for name in OUTCOMES.names or ():
+        table[name] = outcomes[name]
+    table["unit"] = outcomes["trial"] // trials
+    return table
+
+
 class PerUnit(NamedTuple):
     """Errors of n units over their environments.
 

@@ -33,9 +33,12 @@ def sizes(outcomes: Rows) -> tuple[Floats, Floats]:
     return np.hypot(correct["error_x"], correct["error_y"]), np.abs(correct["error_z"])
 
 
-def quantiles(size: Floats) -> list[Interval]:
-    """Quantiles of the sizes, radian, with distribution-free 95 % intervals."""
-    return [quantile_interval(size, fraction) for fraction in FRACTIONS]
+def quantiles(size: Floats, units: int = 0) -> list[Interval]:
+    """Quantiles of the sizes, radian, with distribution-free 95 % intervals.
+
+    units  number of units, which alone are independent; 0: all trials are
+    """
+    return [quantile_interval(size, fraction, number=units or None) for fraction in FRACTIONS]
 
 
 def exceedance(outcomes: Rows) -> list[PagePicture]:

@@ -117,7 +117,8 @@ def _summary(store: Store, outcomes: Rows) -> Section:
     )
     alone = f" {budget.noise_only(store.case)}." if store.sampling.units == AS_DESIGNED else ""
     cells = metrics.to_cells(metrics.summary_rows(summary, limits))
-    shown = table(f"Over {summary.trials} trials", ["", "value", "from", "to", "unit"], cells)
+    over = f" of {summary.units} units" if summary.units else ""
+    shown = table(f"Over {summary.trials} trials{over}", ["", "value", "from", "to", "unit"], cells)
     return Section("Summary", shown + paragraph(text + alone) + _verdict(summary))
 
 
@@ -136,10 +137,14 @@ def _verdict(summary: metrics.Summary) -> str:
 
 def _distributions(outcomes: Rows) -> Section:
     across, about = pictures.sizes(outcomes)
+    units = metrics.summarise(outcomes).units
     rows = [
         [f"{100 * fraction:g} %", *_cells(first, arcsec), *_cells(second, arcsec)]
         for fraction, first, second in zip(
-            pictures.FRACTIONS, pictures.quantiles(across), pictures.quantiles(about), strict=True
+            pictures.FRACTIONS,
+            pictures.quantiles(across, units),
+            pictures.quantiles(about, units),
+            strict=True,
         )
     ]
     head = ["fraction not exceeding", "across, radial", "from", "to", "about", "from", "to"]

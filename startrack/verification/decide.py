@@ -16,8 +16,10 @@ from startrack.metrics import (
     Interval,
     correct,
     fraction_interval,
+    independent,
     level_bounds,
     mean_bounds,
+    units_of,
 )
 from startrack.verification.accuracy import REGIONS, measured_over
 
@@ -224,7 +226,7 @@ class Claim:
             ]
             inside = region == int(np.nanargmax(value)) if np.isfinite(value).any() else region < 0
             squares, failing = squares[inside], failing / len(REGIONS)
-        finite = _finite(squares)
+        finite = squares[_finite(squares)]
         if len(finite) < 2:
             return None
         more = len(outcomes) / len(finite)  # trials for each error that counts
@@ -294,9 +296,9 @@ def claims_of(needs: Requirements) -> list[Claim]:
     return [*errors, Claim(None, needs.min_availability, needs.limits)]
 
 
-def _finite(squares: Floats) -> Floats:
-    """The values (n,) or (n, axes) that are not missing; n may be 0."""
-    return squares[np.isfinite(squares).all(axis=tuple(range(1, squares.ndim)))]
+def _finite(squares: Floats) -> Flags:
+    """Whether values (n,) or (n, axes) are not missing; n may be 0."""
+    return np.asarray(np.isfinite(squares).all(axis=tuple(range(1, squares.ndim))))
 
 
 def _error_bounds(
@@ -305,14 +307,17 @@ def _error_bounds(
     """Lower bound, which decides a fail, and upper bound, which decides a pass; radian."""
     objective = accuracy.objective
     squares = objective.squares(outcomes)
-    finite = _finite(squares)
+    known = _finite(squares)
+    finite, outcomes = squares[known], outcomes[known]
     scale = math.sqrt(len(objective.summed) if objective.radial else 1)
     if objective.fraction is None:
-        low, high = 0.0, math.inf
-        if len(finite) >= FEWEST:
-            low, high = mean_bounds(finite, failing / 2, passing / 3)
+        low, high, alone = 0.0, math.inf, independent(finite, outcomes)
+        if len(alone) >= FEWEST:
+            low, high = mean_bounds(alone, failing / 2, passing / 3)
     else:
-        low, high = level_bounds(finite, objective.fraction, failing, passing)
+        unit = units_of(outcomes)
+        groups = None if unit is None else len(np.unique(unit))
+        low, high = level_bounds(finite, objective.fraction, failing, passing, groups)
     return scale * math.sqrt(low), scale * math.sqrt(high)
 
 
