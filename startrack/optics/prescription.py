@@ -566,7 +566,11 @@ def _complete(path: Path, lens: Any, prescription: Prescription) -> None:
         before = float(lens.surfaces.get_thickness(last)[0])
         lens.updater.set_thickness(before + prescription.defocus, last)
     if prescription.unit != "mm":
-        lens.updater.scale_system(MILLIMETRES[prescription.unit])
+        scale = MILLIMETRES[prescription.unit]
+        lens.updater.scale_system(scale)
+        for surface in lens.surfaces:  # whose focal lengths, of PARAXIAL, it leaves as they are
+            if hasattr(surface.interaction_model, "f"):
+                surface.interaction_model.f *= scale
 
 
 def _material(glass: Glass) -> Any:

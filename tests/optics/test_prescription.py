@@ -93,6 +93,31 @@ def test_lengths_become_millimetres_in_any_encoding(tmp_path, unit, coding):
     require_lens(lens_of(tmp_path, zemax(unit=unit[0], length=unit[1]), coding=coding), 1.5168)
 
 
+@pytest.mark.parametrize("unit", [("MM", 1.0), ("IN", 25.4), ("METER", 1000.0)])
+def test_ideal_lenses_have_their_focal_length_in_millimetres(tmp_path, unit):
+    plane = "CURV 0\n  DISZ"
+    text = f"""UNIT {unit[0]}
+ENPD {10 / unit[1]!r}
+FTYP 0 0 1 1 0 0 0
+YFLN 0
+WAVM 1 0.587562 1
+PWAV 1
+SURF 0
+  TYPE STANDARD
+  {plane} INFINITY
+SURF 1
+  STOP
+  TYPE PARAXIAL
+  PARM 1 {50 / unit[1]!r}
+  {plane} {50 / unit[1]!r}
+SURF 2
+  TYPE STANDARD
+  {plane} 0
+"""
+    lens = lens_of(tmp_path, text)
+    assert float(np.squeeze(lens.paraxial.f2())) == pytest.approx(50)
+
+
 @pytest.mark.parametrize("unit", [("M", 1.0), ("C", 10.0), ("I", 25.4)])
 @pytest.mark.parametrize("radii", ["RDM;LEN", "RDM NO"])
 def test_code_v_has_its_units_radii_and_curvatures(tmp_path, unit, radii):
