@@ -58,6 +58,7 @@ from startrack.metrics.summary import (
     Summary,
     beyond_ten_sigma,
     bounds_of_mean,
+    effective_part,
     fraction_interval,
     fraction_of_trials,
     independent,

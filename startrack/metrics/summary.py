@@ -182,28 +182,37 @@ def units_of(outcomes: Rows) -> Ints | None:
 
 
 def fraction_of_trials(met: Flags, outcomes: Rows, confidence: float = 0.95) -> Interval:
-    """Fraction of the trials, by `fraction_interval`.
+    """Fraction of the trials, by `fraction_interval` of the effective number of trials."""
+    part = effective_part(met, outcomes, confidence)
+    return fraction_interval(part * int(met.sum()), part * len(met), confidence)
 
-    Of trials of units, the effective number of trials counts, at most all,
 
-        p (1 - p) / var(p) (t(n - 1) / t(u - 1))^2
+def effective_part(met: Flags, outcomes: Rows, confidence: float = 0.95) -> float:
+    """Effective number of trials for a fraction p of trials, over their number; 1 without units.
+
+        p (1 - p) / var(p) / n (t(n - 1) / t(u - 1))^2,   at most 1
 
     with n trials of u units, the variance of p by the scatter of its units, and Student's quantiles
-    t. If no unit differs, all trials count.
+    t. If p is 0 or 1, no unit differs, and all trials count.
 
     Source: Korn and Graubard (1998), Survey Methodology 24, 193.
+
+    Accuracy  statistical: if a fifth of the units fail in all their trials, 95 % intervals hold
+              0.97 with 40 units and 0.89 with 10. A kind of unit that fails and of which none is
+              drawn is not seen; the yield of the units, with its own interval, counts it.
     """
     n, hits, unit = len(met), int(met.sum()), units_of(outcomes)
     if unit is None or hits in (0, n):
-        return fraction_interval(hits, n, confidence)
+        return 1.0
     beyond, units = np.bincount(unit, met - hits / n), int(unit.max()) + 1
     if units < 2:
-        return Interval(hits / n, 0.0, 1.0)
+        return 1 / n
     variance = units / (units - 1) * float(beyond @ beyond) / n**2
+    if not variance:
+        return 1.0
     students = special.stdtrit(np.array([n - 1, units - 1]), (1 + confidence) / 2)
-    effective = hits / n * (1 - hits / n) / variance * (students[0] / students[1]) ** 2
-    part = min(effective / n, 1.0)
-    return fraction_interval(part * hits, part * n, confidence)
+    part = hits / n * (1 - hits / n) / variance / n * (students[0] / students[1]) ** 2
+    return float(min(part, 1.0))
 
 
 def rms_interval(squares: Floats, confidence: float = 0.95) -> Interval:
