@@ -141,12 +141,14 @@ def command(options: argparse.Namespace) -> int:
     flight = report.ReportedFlight(plan, checks, flown, mission.availability_of(flown))
     if options.place:
         return _place(options, path, flight)
+    met = flight.met
     with as_wrong_use(ValueError, ImportError):
         result, text = _written(options, path, options.out, flight)
         if options.units:
             with progress("steps of units", time.steps) as advance:
                 fleet = mission.fly_units(plan, options.units, options.seed, advance)
             result["units"] = _fleet_values(plan, fleet)
+            met = met and result["units"]["max_error_met"] is not False
             text += "\n" + _fleet_text(plan, fleet)
         if options.frames:
             fidelity = loaded.mission.check.fidelity
@@ -158,7 +160,7 @@ def command(options: argparse.Namespace) -> int:
         if options.units or options.frames:
             save_json(options.out / "summary.json", finite(result))
     print_result(options, result, text)
-    return Exit.DONE if flight.met else Exit.UNSOLVED
+    return Exit.DONE if met else Exit.UNSOLVED
 
 
 def _print_unknown(loaded: mission.Loaded) -> None:
@@ -531,6 +533,7 @@ def _fleet_values(plan: mission.MissionPlan, fleet: mission.Fleet) -> dict[str, 
         "spacecraft": len(fleet.rms),
         "level_95_arcsec": metrics.bounds_json(fleet.level(), ARCSEC),
         "level_95_aligned_arcsec": metrics.bounds_json(fleet.level(aligned=True), ARCSEC),
+        "max_error_met": _meets_error(plan, fleet),
         "rms_arcsec": (fleet.rms / arcsec).tolist(),
         "heads": [
             {
@@ -546,6 +549,12 @@ def _fleet_values(plan: mission.MissionPlan, fleet: mission.Fleet) -> dict[str, 
     }
 
 
+def _meets_error(plan: mission.MissionPlan, fleet: mission.Fleet) -> bool | None:
+    """Whether 95 % of the spacecraft keep `max_error`; None without this requirement."""
+    limit = plan.loaded.mission.requirements.max_error
+    return None if limit is None else bool(fleet.level().value <= limit)
+
+
 def _fleet_text(plan: mission.MissionPlan, fleet: mission.Fleet) -> str:
     lines = [
         f"{len(fleet.rms)} spacecraft of drawn units: 95 % keep "
@@ -553,6 +562,11 @@ def _fleet_text(plan: mission.MissionPlan, fleet: mission.Fleet) -> str:
         f"{metrics.bracketed(fleet.level(aligned=True), '.2f', arcsec)} with heads aligned to each "
         "other in flight"
     ]
+    if (limit := plan.loaded.mission.requirements.max_error) is not None:
+        verdict = "met" if _meets_error(plan, fleet) else "NOT MET"
+        lines.append(
+            f"  max_error of {limit / arcsec:g} arcsec by 95 % of the spacecraft: {verdict}"
+        )
     for h, head in enumerate(plan.heads):
         x, y, z = fleet.swing[h] / arcsec
         across, about = np.quantile(fleet.heads[:, h], 0.95, axis=0) / arcsec

@@ -18,7 +18,7 @@ from startrack import shipped
 from startrack.cli import mission
 from startrack.cli.main import main
 from startrack.core import arcsec, deg
-from startrack.mission import exports, load_mission, placement, save_timeline, surrogate
+from startrack.mission import Fleet, exports, load_mission, placement, save_timeline, surrogate
 from startrack.space import radiation
 
 ORACLE = Path(__file__).parents[1] / "oracle"
@@ -285,3 +285,16 @@ def test_the_dose_of_the_orbit_is_printed_where_detectors_age_in_it(tmp_path, mo
     expected = sum(rad[oracle["aluminium_mm"].index(5)] for rad in there["rad_per_year"].values())
     assert row["krad_per_year"] == pytest.approx(expected / 1e3, rel=0.15)
     assert 1e8 < row["protons_10_mev_per_cm2_year"] < 1e10
+
+
+def test_drawn_units_are_judged_by_the_limit_of_the_mission():
+    """Forty spacecraft with 1 to 6 arcsec about the worst axis: 95 % keep 7, and not 5."""
+    rms = np.linspace(1, 6, 40)[:, None] * arcsec * np.ones(3)
+    fleet = Fleet(rms, rms, np.stack([rms[:, :2]], axis=1), np.zeros((1, 3)), 1.0, None)
+    for limit, met, verdict in ((5.0, False, "NOT MET"), (7.0, True, "met")):
+        needs = SimpleNamespace(max_error=limit * arcsec)
+        loaded = SimpleNamespace(mission=SimpleNamespace(requirements=needs))
+        plan = SimpleNamespace(loaded=loaded, heads=[SimpleNamespace(name="A")])
+        assert mission._fleet_values(plan, fleet)["max_error_met"] is met
+        line = f"max_error of {limit:g} arcsec by 95 % of the spacecraft: {verdict}"
+        assert line in mission._fleet_text(plan, fleet)
