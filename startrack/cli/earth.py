@@ -683,6 +683,7 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
     layers = ", ".join(
         f"{name} {value:.4g}{'' if PRODUCT_UNITS[name] == '1' else f' {PRODUCT_UNITS[name]}'}"
         for name, value in result["mean"].items()
+        if math.isfinite(value)
     )
     flags = ", ".join(f"{word} {100 * part:.1f} %" for word, part in result["flagged"].items())
     truth = []
@@ -693,7 +694,7 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
         ]
     return [
         f"{result['channel']}: {_grid_text(mapped)}, {result['resampling']}",
-        f"mean      {layers}",
+        f"mean      {layers or 'none: no cell has a value'}",
         f"quality   {flags}",
         *truth,
         *(

@@ -375,7 +375,7 @@ def _table(rows: Collection[MatterRow], tightest: str, unit: str, precision: flo
         Column("", f"margin: {tightest}", lambda row: row.margin, PURE, "+.2g"),
         Column("", "costs", lambda row: row.costs),
         Column("", plots.with_unit("at its bounds", unit), lambda row: row.over),
-        Column("", "total index", lambda row: row.total, form=".2f"),
+        Column("", "total index", lambda row: row.total, form="z.2f"),
         Column("", f"within {100 * precision:g} % of the best", lambda row: row.span),
     ]
     if not tightest:
@@ -399,8 +399,8 @@ def _details(found: WhatMatters, labels: Mapping[str, str], ending: str) -> Tabl
             Column(f"high{ending}", "", lambda row: row.sensitivity.high),
             Column("slope", "", lambda row: row.sensitivity.slope),
             Column("", "d ln objective / d ln variable", lambda row: _slope(row.sensitivity.slope)),
-            Column("first", "first-order index", lambda row: row.sensitivity.first, form=".2f"),
-            Column("total", "total index", lambda row: row.sensitivity.total, form=".2f"),
+            Column("first", "first-order index", lambda row: row.sensitivity.first, form="z.2f"),
+            Column("total", "total index", lambda row: row.sensitivity.total, form="z.2f"),
             Column("", "missed at its bounds", missed),
         ],
         found.ordered,

@@ -362,7 +362,7 @@ def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
             bars = style.bars_of(index)
             axes.errorbar(index.value, y + shift, xerr=bars, fmt="none", ecolor=style.BLACK, lw=1.2)
             end = max(index.high, index.value)
-            style.note(axes, f"{index.value:.2f}", (end, y + shift), (4, 0))
+            style.note(axes, f"{index.value:z.2f}", (end, y + shift), (4, 0))
     axes.set_yticks(range(len(order)), short_names([variable.name for variable in order]))
     axes.margins(x=0.12)
     axes.set(xlabel="Sobol index of ln(objective) (fraction of its variance)")

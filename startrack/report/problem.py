@@ -152,8 +152,8 @@ def _sensitivity(problem: Problem, studied: Sequence[Sensitivity]) -> str:
             row.name,
             f"{row.low:.4g} to {row.high:.4g}",
             f"{row.slope:+.2f}",
-            f"{row.first.value:.2f}",
-            bracketed(row.total, ".2f"),
+            f"{row.first.value:z.2f}",
+            bracketed(row.total, "z.2f"),
         ]
         for row in studied
     ]

@@ -510,6 +510,12 @@ def test_a_bound_without_an_attitude_is_named(drawn):
         assert word in read, word
 
 
+def test_an_index_below_zero_by_rounding_is_zero(drawn):
+    index = Interval(-0.001, -0.004, 0.002)
+    found = [Sensitivity("instrument.optics.blur", 0.5, 0.4, 0.9, 1.0, index, index)] * 2
+    assert "-0.00" not in texts(drawn(draw_tornado, found, "rms error across")[0])
+
+
 def test_two_bounds_on_one_side_of_the_design_are_written_beside_each_other(drawn):
     index = Interval(0.4, 0.3, 0.5)
     found = [

@@ -279,6 +279,8 @@ def test_the_command_maps_what_was_rendered_and_refuses_the_rest(tmp_path, capsy
     assert "OTHER FLIGHT" in text
     assert "OTHER AIR" in text
     assert "OTHER TERRAIN" not in text
+    assert main([*process, "--cell", "1e6"]) == 0
+    assert "mean      none: no cell has a value" in capsys.readouterr().out
     (raw / "green.fits").write_bytes(b"SIMPLE  = nonsense")
     refused("green.fits must be a raw image of startrack earth render, whole, got")
 
