@@ -1,5 +1,5 @@
-"""Intervals over units: the level of a fraction of units, the factor between two designs, and
-yields.
+"""Intervals over units: the rms of all trials and its ratio between two designs, the level of a
+fraction of units, the factor between two designs, and yields.
 
 Units and their trials are drawn from pools of units with many trials each.
 """
@@ -14,10 +14,10 @@ import numpy as np
 from intervals_coverage import COUNTS, Coverage, note
 
 from startrack import Case, load_design, shipped
-from startrack.core import YEAR, Floats, Refused
+from startrack.core import YEAR, Floats, Refused, Rows
 from startrack.design import Campaign, Fidelity, Objective, Variable, Variation
-from startrack.metrics import fraction_interval
-from startrack.montecarlo import Serial, run
+from startrack.metrics import fraction_interval, summarise
+from startrack.montecarlo import Serial, differences, run
 from startrack.optimise import (
     MeasuredUnits,
     budgets_of_units,
@@ -26,7 +26,7 @@ from startrack.optimise import (
     resampled_units,
     trial_noise,
 )
-from startrack.population import Units
+from startrack.population import Units, with_units
 from startrack.trial import OUTCOMES
 from startrack.verification import USUAL, YieldClaim, units_expected
 
@@ -98,12 +98,17 @@ def pool_of(design: Varied, more: tuple[str, ...], units: int) -> Pool:
     return Pool(squares, units_expected(Objective(), budgets))
 
 
+def rows_of(squares: Floats) -> Rows:
+    """Outcomes with these squares per axis (units, trials)."""
+    rows = np.zeros(squares.size, OUTCOMES)
+    rows["solved"], rows["trial"] = True, np.arange(len(rows))
+    rows["error_x"] = rows["error_z"] = np.sqrt(2 * squares.ravel())
+    return rows
+
+
 def measured(pool: Pool) -> MeasuredUnits:
     """The errors of units from trials, as in a search."""
-    trials = pool.squares.shape[1]
-    rows = np.zeros(pool.squares.size, OUTCOMES)
-    rows["solved"], rows["trial"] = True, np.arange(len(rows))
-    rows["error_x"] = np.sqrt(2 * pool.squares.ravel())  # the square per axis is the pool's
+    trials, rows = pool.squares.shape[1], rows_of(pool.squares)
     campaign = Campaign((VARIABLE,), units=USUAL, unit_trials=trials)
     over = campaign.over_units(CASE)
     assert over is not None
@@ -118,8 +123,8 @@ CASE = replace(
 
 
 def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, float]:
-    """Fractions of repeats that contain the level of the start, the factor to the best and two
-    yields."""
+    """Fractions of repeats that contain the rms of the start and its ratio to the best, the level
+    of the start, the factor to the best and two yields."""
     rng, size = np.random.default_rng(count), len(first.expected)
     level = first.level()
     factor = level - second.level()
@@ -127,7 +132,9 @@ def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, f
     limit = float(np.quantile(errors, KEPT))
     true_share = float((errors <= limit).mean())
     verified_share = by_few(first, limit, rng)
-    held = dict.fromkeys(("unit level", "unit factor", "yield", "yield of verify"), 0)
+    rms = [math.sqrt(pool.squares.mean()) for pool in (first, second)]
+    figures = "unit rms", "unit ratio", "unit level", "unit factor", "yield", "yield of verify"
+    held = dict.fromkeys(figures, 0)
     for number in range(repeats):
         unit = rng.integers(0, size, count)
         trial = rng.permuted(np.tile(np.arange(EACH), (count, 1)), axis=1)
@@ -146,7 +153,14 @@ def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, f
         kept = before.denoised <= limit
         part = before.effective_fraction(limit, number)
         met = np.sqrt(first.squares[unit[:, None], trial[:, :OF_VERIFY]].mean(axis=1)) <= limit
+        before_rows, after_rows = (
+            with_units(rows_of(pool.squares[unit[:, None], trial[:, :OF_VERIFY]]), OF_VERIFY)
+            for pool in (first, second)
+        )
+        ratio = differences(before_rows, after_rows)[0].change
         holds = (
+            holding(summarise(before_rows).across, rms[0]),
+            holding(ratio, rms[1] / rms[0]),
             found.start.low <= math.exp(level) <= found.start.high,
             found.factor.low <= math.exp(factor) <= found.factor.high,
             holding(fraction_interval(part * int(kept.sum()), part * count), true_share),

@@ -166,6 +166,11 @@ def independent(values: Floats, outcomes: Rows) -> Floats:
 
     Trials of one unit share its bias, so that only its sum is independent of other units. The sums
     are divided by the mean number of trials of a unit.
+
+    Accuracy  statistical: 95 % intervals of an rms over 5 to 200 units hold 0.94 to 0.96 where
+              units have normal biases. Where the blur of units varies by a lognormal law, so that
+              (s / mean)^2 of their mean squares is 2.5, they hold 0.81 to 0.87 with 5 to 50 units
+              and 0.90 to 0.92 with 200; trials that are taken as independent hold 0.57 to 0.70.
     """
     unit = units_of(outcomes)
     if unit is None or not len(values):
