@@ -1,11 +1,12 @@
 """Design files: a case, and optionally a campaign on it, as TOML with units in strings."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from startrack.core import Refused, code_in, printed, require_code, shown
+from startrack.core import Refused, code_in, printed, require_code, shown, um
 from startrack.core import allow_code as allow_code_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
@@ -38,6 +39,7 @@ from startrack.design.unknown import (
 )
 from startrack.design.variables import Link
 from startrack.design.variation import Scope
+from startrack.detector import Age
 from startrack.io import (
     LayerRules,
     Layers,
@@ -213,7 +215,20 @@ def _with_product(table: dict[str, Any], layers: Layers, path: Path) -> dict[str
         case {"instrument": {"detector": {"product": product}}}:
             if file := product_file(product, folder):
                 layers.note_below(of_product(product, folder), str(file), DETECTOR)
+                whole = with_product(table, folder)
+                _warn_of_depth(whole["instrument"]["detector"].get("age"), file.name)
+                return whole
     return with_product(table, folder)
+
+
+def _warn_of_depth(age: Any, file: str) -> None:
+    """Warn of a detector that ages and does not say how deep its silicon is depleted."""
+    if isinstance(age, dict) and "depleted" not in age:
+        warnings.warn(
+            f"{file} gives no age.depleted, so that its default of {Age.depleted / um:g} um holds "
+            "for the dark current by radiation",
+            stacklevel=3,
+        )
 
 
 def _told(entry: object, place: str) -> Told:

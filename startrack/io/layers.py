@@ -231,6 +231,8 @@ def read_layers(
     Raises   ValueError if a file is missing, is not TOML or includes itself through other files, or
              if a change is invalid. The message is one sentence with the file.
     """
+    if isinstance(changes, str):
+        raise Refused(f"changes must be a list of texts KEY=VALUE, got {core.shown(changes)}")
     layers = _read_layers(path, what, rules or LayerRules(), (), [])
     for change in changes:
         key, _, text = change.partition("=")

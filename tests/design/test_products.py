@@ -199,3 +199,14 @@ def test_a_file_that_is_no_detector_is_refused(case, tmp_path):
     (tmp_path / "odd.toml").write_text("colums = 2")
     with pytest.raises(ValueError, match=r"detector\.colums"):
         case("odd.toml")
+
+
+def test_a_file_of_a_detector_without_its_depth_says_the_default(tmp_path):
+    age = '[instrument.detector.age]\ntime = "5 yr"\ninclination = "97.6 deg"\nshielding = "3 mm"\n'
+    (tmp_path / "mine.toml").write_text(MINE)
+    path = tmp_path / "design.toml"
+    path.write_text(DESIGN.format("mine.toml") + age)
+    with pytest.warns(UserWarning, match=r"mine\.toml gives no age\.depleted.* of 10 um holds"):
+        load_design(path)
+    (tmp_path / "mine.toml").write_text(MINE + '[age]\ndepleted = "0.5 um"\n')
+    assert load_design(path).case.instrument.detector.age.depleted == pytest.approx(0.5e-6)
