@@ -109,7 +109,12 @@ def _or_refused(asked: tuple[Case, Campaign], seed: int) -> DesignFigures | Refu
 
 
 def by_trials(
-    case: Case, campaign: Campaign, runner: TrialRunner, trials: int, fidelity: Fidelity
+    case: Case,
+    campaign: Campaign,
+    runner: TrialRunner,
+    trials: int,
+    fidelity: Fidelity,
+    progress: Advance | None = None,
 ) -> DesignFigures:
     """The figures of a design by the first trials of a seed, in all conditions of the campaign.
 
@@ -117,12 +122,13 @@ def by_trials(
     condition. For a design that is judged over units, an error is, as by formula, the error that a
     fraction of the units does not exceed.
 
-    Raises  Refused if the design cannot be built or rendered.
+    progress  called with the number of trials that were just done
+    Raises    Refused if the design cannot be built or rendered.
     """
     needs, judged = campaign.requirements, campaign.judged(case)
     margins: dict[str, Figure] = dict(verification.margins(needs, case))
     for condition in judged:
-        rows = population_of(condition).first_trials(trials, fidelity, runner)
+        rows = population_of(condition).first_trials(trials, fidelity, runner, progress)
         counted = verification.counted(condition.needs, condition.case, runner.seed, rows)
         foreseen = None
         if condition.units is not None:

@@ -104,9 +104,14 @@ class UnitAsDesigned:
         """Number of units in the outcomes of trials."""
         return 1
 
-    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
-        """The outcomes of about `trials` trials of the search, the same for all designs."""
-        return runner.run(self.condition.case, trials, fidelity)
+    def first_trials(
+        self, trials: int, fidelity: Fidelity, runner: TrialRunner, watch: Advance | None = None
+    ) -> Rows:
+        """The outcomes of about `trials` trials of the search, the same for all designs.
+
+        watch  called with the number of trials that were just done
+        """
+        return runner.run(self.condition.case, trials, fidelity, progress=watch)
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
         """The outcomes of trials that no tuning used; their number is as for a tried design."""
@@ -194,12 +199,16 @@ class DrawnUnits:
         """See `UnitAsDesigned`."""
         return math.ceil(len(outcomes) / self.over.trials)
 
-    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
+    def first_trials(
+        self, trials: int, fidelity: Fidelity, runner: TrialRunner, watch: Advance | None = None
+    ) -> Rows:
         """See `UnitAsDesigned`."""
         per_unit = self.over.trials
         how = Units(per_unit, min(ENVIRONMENTS, per_unit), self.over.age, exact=True)
         count = min(math.ceil(trials / per_unit), self.over.count)
-        return runner.run(self.condition.case, count * per_unit, fidelity, units=how)
+        return runner.run(
+            self.condition.case, count * per_unit, fidelity, progress=watch, units=how
+        )
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
         """See `UnitAsDesigned`."""

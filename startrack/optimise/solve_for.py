@@ -278,7 +278,7 @@ def solve_for(
 ) -> Solution:
     """The values of a key at which a design just meets a limit: where a margin is zero.
 
-        startrack.solve_for("mine.toml", "instrument.motion.jitter=1..20 arcsec", "across=5 arcsec")
+        startrack.solve_for("mine.toml", "instrument.optics.f_number=1.2..4", "across=5 arcsec")
 
     The margin is computed by formula at the points of the range. Between two points with margins of
     opposite sign, a root is found by Brent's method. Trials at the root, which have the same skies
@@ -297,7 +297,8 @@ def solve_for(
     fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done by formula
-    watch     called with each value that is tried, with its unit, before its trials
+    watch     called with each value that is tried, with its unit, before its trials, and then with
+              the number of trials done
     Raises    Refused if the key or the limit is invalid, or the design refuses every value.
     Accuracy  numerical: 1e-4 of the value by formula. Two roots between two neighbouring points are
               not found. statistical: the interval, with the slope of the formula.
@@ -326,6 +327,7 @@ def solve_for(
         runner=runner,
         trials=trials,
         fidelity=fidelity,
+        watch=watch,
     )
     margins, refused = along.margins(progress)
     decided = trials and _decided_by_trials(margin)
@@ -367,6 +369,7 @@ class _MarginAlongKey:
     runner: TrialRunner
     trials: int
     fidelity: Fidelity | None
+    watch: Watch | None
 
     def design(self, number: float) -> tuple[Case, Campaign]:
         """The design at a number, and its campaign. Raises Refused if the design refuses it."""
@@ -380,7 +383,16 @@ class _MarginAlongKey:
         """The margin by trials, `scaled`."""
         case, campaign = self.design(number)
         kind = self.fidelity or campaign.fidelity
-        found = by_trials(case, campaign, self.runner, self.trials, kind).margins[self.margin]
+        value, done = f"{four_digits(number)} {self.key.unit}".strip(), 0
+
+        def advance(count: float) -> None:
+            nonlocal done
+            done += round(count)
+            if self.watch:
+                self.watch(f"{value}, {done} done")
+
+        tried = by_trials(case, campaign, self.runner, self.trials, kind, advance)
+        found = tried.margins[self.margin]
         assert isinstance(found, Interval)
         return Interval(*(scaled(self.margin, end) for end in (found.value, found.low, found.high)))
 

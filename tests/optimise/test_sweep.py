@@ -218,8 +218,10 @@ class Known:
     def by_formula(self, asked, *_):
         return [self.figures(*design, (1.0,)) for design in asked]
 
-    def by_trials(self, case, campaign, *_):
+    def by_trials(self, case, campaign, runner, trials, fidelity, progress):
         self.tried.append(case.instrument.optics.f_number)
+        progress(trials // 4)
+        progress(trials // 4)
         return self.figures(case, campaign, self.factor)
 
     def figures(self, case, campaign, factors):
@@ -250,7 +252,11 @@ def test_two_values_and_none_are_said(path, monkeypatch):
 def test_trials_correct_the_formula(path, monkeypatch):
     """error = N^2 arcsec, 1.21 [1.1, 1.44] times as large by trials: N = sqrt(4 / factor)."""
     known = Known(monkeypatch, lambda f_number: f_number**2, (1.21, 1.1, 1.44))
-    found = startrack.solve_for(path, f"{F_NUMBER}=1..6", "across=4 arcsec", points=4)
+    said = []
+    found = startrack.solve_for(
+        path, f"{F_NUMBER}=1..6", "across=4 arcsec", points=4, watch=said.append
+    )
+    assert said[:3] == ["2", "2, 250 done", "2, 500 done"]
     [crossing] = found.crossings
     assert crossing.formula == pytest.approx(2, rel=1e-3)
     assert crossing.value.value == pytest.approx(2 / 1.1, rel=1e-3)
