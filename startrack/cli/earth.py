@@ -13,6 +13,7 @@ from startrack.cli import options as shared
 from startrack.cli.options import SEED, Exit, Option, Options, Parts, as_wrong_use, out, wanted
 
 if wanted(__name__):
+    import cv2
     import numpy as np
 
     from startrack import plots
@@ -347,6 +348,8 @@ def rendered(options: argparse.Namespace) -> int:
         terrain = setting.terrain or survey.terrain.open(path.parent)
         beside = _beside(terrain, picture.longitude, picture.latitude)
         result |= {"beside_terrain": beside}
+        spots = [(spot.longitude, spot.latitude) for spot in survey.land.hot_spots]
+        result["hot_spots_outside"] = _outside(spots, picture.longitude, picture.latitude)
         if survey.motion != Motion():
             result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
         first = first or (channel, setting.camera)
@@ -369,6 +372,33 @@ def _beside(pyramid: Pyramid, longitude: Floats, latitude: Floats) -> float:
         return 0.0
     covered = pyramid.terrain.covers(*(np.radians(x[ground]) for x in seen))
     return float(1 - covered.mean())
+
+
+def _outside(
+    places: Sequence[tuple[float, float]], longitude: Floats, latitude: Floats
+) -> list[int]:
+    """Numbers of the places (longitude, latitude; radian) outside an image, from 0.
+
+    longitude, latitude  (lines, columns) degree, of the pixels; NaN without ground
+    """
+    edges = [
+        np.concatenate([angle[0], angle[:, -1], angle[-1, ::-1], angle[::-1, 0]])
+        for angle in (longitude, latitude)
+    ]
+    seen = np.isfinite(edges[0])
+    if seen.sum() < 3:
+        return []
+    centre = float(edges[0][seen][0])
+
+    def east(angle: Any) -> Any:
+        return (angle - centre + 180) % 360 - 180
+
+    border = np.column_stack([east(edges[0][seen]), edges[1][seen]]).astype(np.float32)
+    return [
+        number
+        for number, place in enumerate(np.degrees(np.array(places)).tolist())
+        if cv2.pointPolygonTest(border, (east(place[0]), place[1]), measureDist=False) < 0
+    ]
 
 
 def _beside_text(result: dict[str, Any]) -> list[str]:
@@ -468,6 +498,10 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
         f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
         *_dark_text(result),
         *_beside_text(result),
+        *(
+            f"outside   land.hot_spots.{number} is outside the image"
+            for number in result["hot_spots_outside"]
+        ),
     ]
     if "aerosol_not_used" in result:
         lines.append(

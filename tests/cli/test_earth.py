@@ -1,6 +1,7 @@
 """`startrack earth`: maps, images, and the messages of wrong use."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from startrack.cli.earth import _other_air, read_scene
+from startrack.cli.earth import _other_air, _outside, read_scene
 from startrack.cli.main import main
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import observe_earth
@@ -234,3 +235,13 @@ def test_an_infrared_band_says_that_its_aerosol_is_not_that_of_the_scene():
     assert _other_air(survey, survey.channels[0]) == {}
     hazy = replace(survey, air=Air("urban", 40e3))
     assert _other_air(hazy, hazy.channels[0]) == {"aerosol_not_used": "urban, 40 km"}
+
+
+def test_a_hot_spot_outside_the_image_is_named():
+    """An image of 2 degrees across the date line, turned by 45 degrees."""
+    line, column = np.mgrid[0:9, 0:9] / 8 - 0.5
+    longitude = (180 + column - line + 180) % 360 - 180
+    latitude = column + line
+    places = [(math.radians(x), math.radians(y)) for x, y in ((-179.9, 0.1), (179.2, 0.9), (0, 0))]
+    assert _outside(places, longitude, latitude) == [1, 2]
+    assert _outside(places[:1], np.full((9, 9), np.nan), latitude) == []
