@@ -15,6 +15,12 @@ HEAD = re.compile(r"[^(\[]*[(\[](.*)[)\]]\s*")
 LOOSE = re.compile(
     r"(?<![a-z])([munpkµμ]?rad|arcmin|deg|[mu]?as|[mu]arcsec|db|[km]hz)(?![a-z])", re.IGNORECASE
 )
+FREQUENCY = re.compile(r"freq|f(?![a-z])|hz", re.IGNORECASE)  # first cell of the names of columns
+# Words of a comment on what the spectrum was made from.
+SOURCE = re.compile(
+    r"(?<![a-z])(?:not|from|convert\w*|integra\w*|squared|doubled|input|model)(?![a-z])",
+    re.IGNORECASE,
+)
 # Quantities that are no one-sided power spectral density of an angle, as headers name them.
 OTHERS = re.compile(
     r"(?:two|2|double)[-\s]?sided|\basd\b|amplitude[-\s]spectr\w*|sqrt|\u221a|rt\s?hz"
@@ -99,14 +105,15 @@ def _cells(text: str) -> list[str]:
 
 def _units(path: Path, line: int, cells: list[str], before: list[str]) -> list[str]:
     """The units that a header names; if it names none, the units of the lines before it."""
-    if other := OTHERS.search(" ".join(cells)):
+    names, text = FREQUENCY.match(cells[0]), " ".join(cells)
+    if (other := OTHERS.search(text)) and (names or not SOURCE.search(text)):
         raise Refused(
             f"{path}, line {line}: must name a one-sided power spectral density of an angle, got "
             f"{other[0]!r}"
         )
     found = [match[1] if (match := HEAD.fullmatch(cell)) else "" for cell in cells]
     bare = " ".join(cell for cell, unit in zip(cells, found, strict=True) if not unit)
-    if loose := LOOSE.search(bare):
+    if names and (loose := LOOSE.search(bare)):
         raise Refused(
             f"{path}, line {line}: must name its units in brackets, such as 'frequency (Hz), "
             f"density (urad2 / Hz)', got {loose[0]!r} without them"

@@ -21,10 +21,11 @@ DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
 # Days of 2000-01-01T00:00 by each keyword.
 JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
 EXPOSURES = "EXPTIME", "EXPOSURE"
-MILLISECOND = re.compile(r"\bm(?:s|secs?)\b|milli-?sec", re.IGNORECASE)
-MICROSECOND = re.compile(r"\b[u\u00b5\u03bc](?:s|secs?)\b|micro-?sec", re.IGNORECASE)
-MINUTE = re.compile(r"\[min\]|\bminutes?\b", re.IGNORECASE)
-HOUR = re.compile(r"\[(?:h|hr)\]|\bhours?\b", re.IGNORECASE)
+SECOND = re.compile(r"\[s(?:ecs?)?\]|\(s(?:ecs?)?\)|(?<![a-z-])seconds?\b", re.IGNORECASE)
+MILLISECOND = re.compile(r"(?<!\d )\bm(?:s|secs?)\b|milli-?sec", re.IGNORECASE)
+MICROSECOND = re.compile(r"(?<!\d )\b[u\u00b5\u03bc](?:s|secs?)\b|micro-?sec", re.IGNORECASE)
+MINUTE = re.compile(r"\[min\]|(?<!\d )\bminutes?\b", re.IGNORECASE)
+HOUR = re.compile(r"\[(?:h|hr)\]|(?<!\d )\bhours?\b", re.IGNORECASE)
 # Comment of a gain that is in electrons per digital number, and not a setting of the camera.
 ELECTRONS = re.compile(
     r"(e-?|elec\w*|photo-?e\w*)\s*(/|per)\s*(adu|dn|count|unit|lsb)", re.IGNORECASE
@@ -32,8 +33,8 @@ ELECTRONS = re.compile(
 # Comment of a gain in digital numbers per electron.
 NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
 DIGITAL = re.compile(r"\b(?:adu|dn|counts?|lsb|digital numbers?)\b", re.IGNORECASE)
-CHARGE = re.compile(r"elec|photo-?e|\be\b", re.IGNORECASE)
-DECIBEL = re.compile(r"\bdB\b|decibel", re.IGNORECASE)
+CHARGE = re.compile(r"elec|photo-?e|\be\b|\bel\b", re.IGNORECASE)
+DECIBEL = re.compile(r"[\[(]dB[\])]|\b(?:in|unit:?) (?:dB\b|decibel)", re.IGNORECASE)
 # BUNIT of pixels that are electrons already.
 IN_ELECTRONS = re.compile(r"(?:photo-?)?electrons?|e-?|photo-?e-?", re.IGNORECASE)
 SCIENCE = "SCI"  # name of the image itself beside maps of its errors
@@ -232,16 +233,21 @@ def _comment(header: Any, key: str) -> str:
     return str(header.comments[key]) if key in header else ""
 
 
+def _unit_of_time(comment: str) -> float:
+    """Second: the unit that a comment names; seconds win over other units, then the first one."""
+    if SECOND.search(comment):
+        return 1.0
+    units = {MILLISECOND: 1e-3, MICROSECOND: 1e-6, MINUTE: 60.0, HOUR: 3600.0}
+    named = {match.start(): unit for word, unit in units.items() if (match := word.search(comment))}
+    return named[min(named)] if named else 1.0
+
+
 def _exposure(path: Path, header: Any) -> float:
     """Second, by EXPTIME or EXPOSURE, whose comment may say another unit; NaN without them."""
     values = []
     for key in EXPOSURES:
         comment = _comment(header, key)
-        unit = 1e-3 if MILLISECOND.search(comment) else 1.0
-        unit = 1e-6 if MICROSECOND.search(comment) else unit
-        unit = 60.0 if MINUTE.search(comment) else unit
-        unit = 3600.0 if HOUR.search(comment) else unit
-        values.append(_number(header, key) * unit)
+        values.append(_number(header, key) * _unit_of_time(comment))
     given = [value for value in values if value >= 0]
     if len(given) == 2 and abs(given[0] - given[1]) > 0.01 * max(given):
         warnings.warn(

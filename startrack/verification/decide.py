@@ -315,7 +315,8 @@ def _error_bounds(
     scale = math.sqrt(len(objective.summed) if objective.radial else 1)
     if objective.fraction is None:
         low, high, alone = 0.0, math.inf, independent(finite, outcomes)
-        if len(alone) >= FEWEST:
+        # Few trials may all lie in one part of the sky; a unit has trials over all of it.
+        if len(alone) >= (FEWEST if units_of(outcomes) is None else 3):
             low, high = mean_bounds(alone, failing / 2, passing / 3)
     else:
         unit = units_of(outcomes)

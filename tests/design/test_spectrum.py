@@ -76,3 +76,18 @@ def test_a_missing_file_and_two_tables_are_refused(tmp_path):
     path.write_text(f'{DESIGN}\ndensity = ["1 rad2 / Hz"]\n')
     with pytest.raises(ValueError, match="must be left out if file is given"):
         load_design(path)
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        "one-sided PSD (not two-sided)",
+        "converted from two-sided: values doubled",
+        "rms = sqrt(integral) = 0.31 arcsec",
+        "angular-rate sensor, integrated to angle",
+        "sampled at (nominal) 2 kHz",
+    ],
+)
+def test_a_comment_on_the_source_is_no_quantity(tmp_path, comment):
+    head = f"# {comment}\nfrequency (Hz), density (arcsec2 / Hz)\n"
+    assert spectrum(tmp_path, head + "1,4\n2,3\n").density[1] == pytest.approx(3 * arcsec**2)

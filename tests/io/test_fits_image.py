@@ -123,6 +123,9 @@ def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
         ({"EXPTIME": (250, "exposure time in msec")}, 0.25),
         ({"EXPTIME": (250000, "[usec]")}, 0.25),
         ({"EXPTIME": (0.5, "exposure in hours")}, 1800.0),
+        ({"EXPTIME": (0.5, "readout 10 msecs; seconds")}, 0.5),
+        ({"EXPTIME": (0.5, "[sec] (1 hour = 3600)")}, 0.5),
+        ({"EXPTIME": (0.5, "exp. time, max 24 hours")}, 0.5),
     ],
 )
 def test_exposures_have_the_unit_of_their_comment(tmp_path, cards, seconds):

@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from startrack.metrics import independent, level_bounds, summarise, units_of
+from startrack.design import Accuracy, Objective
+from startrack.metrics import ErrorLimits, independent, level_bounds, summarise, units_of
 from startrack.montecarlo import Precision, differences
 from startrack.population import with_units
 from startrack.trial import OUTCOMES
+from startrack.verification.decide import Answer, Claim
 
 EACH = 10  # trials of a unit
 
@@ -76,3 +78,11 @@ def test_a_precision_over_units_needs_units():
     assert level_bounds(np.arange(4000.0), 0.9, 0.05, 0.05, 400)[1] == pytest.approx(
         level_bounds(np.arange(9.0, 4000.0, 10), 0.9, 0.05, 0.05)[1]
     )
+
+
+def test_few_units_have_a_bound_in_a_verdict():
+    """As in the summary; ten trials would be too few of one unit."""
+    rows = drawn(np.random.default_rng(6), 6, 1.0)
+    claim = Claim(Accuracy(Objective("about"), 100.0), 0.0, ErrorLimits(math.inf, math.inf))
+    bounds = claim.bounds(rows, np.empty((0, 3)), 0.025, 0.025)
+    assert claim.answer(bounds) is Answer.PASS

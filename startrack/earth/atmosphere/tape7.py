@@ -139,8 +139,12 @@ def _require_rise(
     low: float,
     high: float,
 ) -> None:
-    """Light that the air sends back to the ground raises GRND_RFLT / albedo with the albedo."""
-    over = [float((run["reflected"] / r).sum()) for run, r in ((dark, low), (bright, high))]
+    """Light that the air sends back to the ground raises GRND_RFLT / albedo with the albedo.
+
+    In the thermal infrared it may fall, because the air also sends back heat of the ground.
+    """
+    sunlit = dark["wavelength"] < THERMAL
+    over = [float((run["reflected"][sunlit] / r).sum()) for run, r in ((dark, low), (bright, high))]
     if over[1] < (1 - ROUNDED) * over[0]:
         raise Refused(
             f"albedos must be those of {runs[0]} and {runs[1]}: GRND_RFLT / albedo must not fall "

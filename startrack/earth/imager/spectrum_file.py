@@ -8,19 +8,23 @@ from typing import Any
 from startrack.core import FINITE, Parameters, Range, Refused, parameter, parse, um
 from startrack.io import content, regular_file, with_points
 
-# Lines before the numbers that may name units: the names of columns, and descriptions of them.
-DESCRIBES = re.compile(r"wave|unit|reflect|transm|efficien|respons|emiss|\bqe\b", re.IGNORECASE)
+# Lines of spectral libraries that name the unit of wavelengths, or of values.
+OF_WAVELENGTHS = re.compile(r"\W*x\s*units\W", re.IGNORECASE)
+OF_VALUES = re.compile(r"\W*y\s*units\W", re.IGNORECASE)
+# Units, but not those behind a number, as in the name of a filter.
 WAVELENGTHS = {
-    "nm": re.compile(r"(?<![a-z])(nm|nano-?met\w+)(?![a-z])", re.IGNORECASE),
+    "nm": re.compile(r"(?<![a-z\d])(?<!\d\s)(nm|nano-?met\w+)(?![a-z])", re.IGNORECASE),
     "um": re.compile(
-        r"(?<![a-z])([u\u00b5\u03bc]m|microns?|micro-?met\w+)(?![a-z])", re.IGNORECASE
+        r"(?<![a-z\d])(?<!\d\s)([u\u00b5\u03bc]m|microns?|micro-?met\w+)(?![a-z])", re.IGNORECASE
     ),
-    "angstrom": re.compile(r"\u00c5|angstrom", re.IGNORECASE),
-    "1 / cm": re.compile(r"\bcm\s*\^?-1|1\s*/\s*cm|wave-?\s?number", re.IGNORECASE),
+    "angstrom": re.compile(r"(?<!\w)\u00c5(?!\w)|(?<![a-z])[Aa]ngstroms?(?![a-z])"),
+    "1 / cm": re.compile(r"(?<!\d\s)\bcm\s*\^?-1|1\s*/\s*cm|wave-?\s?number", re.IGNORECASE),
 }
-PER_CENT = re.compile(
-    r"(?:^|[^\d\s.])\s*(?:%|per\s?cent\w*)\s*(?=[,;\t)\]\"]|$)", re.IGNORECASE | re.MULTILINE
-)
+PER_CENT = re.compile(r"(?<![\d\s.])\s*(?:%|per\s?cent\w*)", re.IGNORECASE)
+IN_BRACKETS = re.compile(r"[(\[]\s*(?:%|per\s?cent\w*)\s*[)\]]", re.IGNORECASE)
+UNCERTAIN = re.compile(
+    r"uncert|error|sigma|deviation", re.IGNORECASE
+)  # of values, in other columns
 SHORTEST, LONGEST = 0.1 * um, 300 * um  # metre, wavelengths of libraries of spectra
 BRIGHTEST = 1.3  # largest value of a library: noise, and reflectance factors of snow and panels
 
@@ -80,14 +84,14 @@ class SpectrumFile(Parameters):
 
     def _refuse_units(self, path: Path, curve: dict[float, float], above: list[str]) -> None:
         """Refuse a curve in other units, by the lines above it or by its numbers."""
-        text = "\n".join([*(line for line in above[:-1] if DESCRIBES.search(line)), *above[-1:]])
-        named = [unit for unit, names in WAVELENGTHS.items() if names.search(text)]
+        wavelengths, values = _named(above)
+        named = [unit for unit, names in WAVELENGTHS.items() if names.search(wavelengths)]
         if named and self.unit not in named:
             raise Refused(
                 f"{path} must have wavelengths in {self.unit}, the key unit, but it names "
                 f"{named[0]}"
             )
-        if self.factor == 1 and PER_CENT.search(text):
+        if self.factor == 1 and PER_CENT.search(values) and not UNCERTAIN.search(values):
             raise Refused(f"{path} has values in per cent, so that the key factor must be 0.01")
         for node in (min(curve), max(curve)):
             if not SHORTEST <= parse(f"{node!r} {self.unit}", "m") <= LONGEST:
@@ -101,3 +105,15 @@ class SpectrumFile(Parameters):
                 f"{path} must have fractions from 0 to 1 after the key factor, got {highest:g}: "
                 "factor = 0.01 is for per cent"
             )
+
+
+def _named(above: list[str]) -> tuple[str, str]:
+    """What the lines before the numbers call the wavelengths, and the values; empty for nothing."""
+    wavelengths = [line for line in above if OF_WAVELENGTHS.match(line)]
+    values = [line for line in above if OF_VALUES.match(line)]
+    names = re.split(r"[,;\t]|\s{2,}", above[-1].strip()) if above else []
+    if len(names) > 1:
+        wavelengths, values = [*wavelengths, names[0]], [*values, names[1]]
+    elif names and IN_BRACKETS.search(names[0]):
+        values.append(names[0])
+    return " ".join(wavelengths), " ".join(values)

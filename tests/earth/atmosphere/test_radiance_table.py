@@ -419,3 +419,19 @@ def test_a_table_as_the_shipped_ones_is_taken_too():
         for air in (Air(table=str(shipped("atmosphere/rural-5km.fits"))), Air(visibility=5e3))
     )
     np.testing.assert_array_equal(found, wanted)
+
+
+def test_heat_of_the_ground_that_the_air_sends_back_is_accepted(tmp_path):
+    """At 10 um, under a sky of 2 over ground of 9.5: G = r (2 + 0.05 (1 - r) 9.5) W / m2 / sr / um
+    with a backscatter of 0.05; in MODTRAN's W / cm2 / sr / um."""
+    for albedo, name in ((0.1, "a.scn"), (0.4, "b.scn")):
+        lines = [OLD.replace("    FREQ", " WAVLEN MCRN")]
+        ground = 1e-4 * albedo * (2 + 0.05 * (1 - albedo) * 9.5)
+        for place in (9.9, 10.0, 10.1):
+            row = [0.9, 1e-4, 0, 8.5e-4 * (1 - albedo), 0, 0, ground, 0, 1e-3, 0, 0]
+            lines.append(f"{place:12.6f}" + "".join(f"{value:11.4E}" for value in (*row, 0.2)))
+        (tmp_path / name).write_text("\n".join([*lines, " -9999."]) + "\n")
+    import_tape7(
+        (tmp_path / "a.scn", tmp_path / "b.scn"), (0.1, 0.4), tmp_path / "c.csv", unit="um"
+    )
+    assert len((tmp_path / "c.csv").read_text().splitlines()) == 4

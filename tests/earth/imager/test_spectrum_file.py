@@ -38,3 +38,22 @@ def test_units_that_agree_with_the_keys_are_read(tmp_path, text, keys, values):
     (tmp_path / "curve.txt").write_text(text)
     curve = SpectrumFile(file="curve.txt", **keys).read(tmp_path)
     assert curve["value"] == pytest.approx(values)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "wavelength (nm),reflectance,uncertainty (%)",
+        "wavelength (nm), QE [fraction], QE [%]",
+        "# wavelength in nm, T as a fraction, not in per cent",
+        "# Reflectance: soil with moisture (low %), field\nwavelength,R",
+        "# reflectance, grain size 75 um\nwavelength,R",
+        "v\u00e5gl\u00e4ngd,transmittans",
+        "# Filter of 633 um, 10 um wide",
+        "lambda,T_550um_filter",
+    ],
+)
+def test_what_else_a_line_tells_is_no_unit(tmp_path, head):
+    (tmp_path / "curve.txt").write_text(f"{head}\n400,0.1\n500,0.2\n", encoding="utf-8")
+    curve = SpectrumFile(file="curve.txt", unit="nm").read(tmp_path)
+    assert curve["value"] == [0.1, 0.2]
