@@ -44,7 +44,7 @@ if wanted(__name__):
 
 Workers = AbstractContextManager[Executor]
 STORE = "campaign.sqlite"
-HALL = "Hall's transformation of Student's t, for skew squares"
+GAMMA = "for squares with nearly a gamma distribution"
 UNREACHED = 1e-6  # without --precision: a precision that no campaign reaches
 
 
@@ -471,7 +471,7 @@ def _required(
             shown = f"{bounds.value / arcsec:.3f}{least} (too few {few} for an upper bound)"
         alike = claim.accuracy.objective.rms_per_axis
         if alike and getattr(known, claim.accuracy.name) == bounds:
-            shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
+            shown = f"{bounds.value / arcsec:.3f} with the interval above ({GAMMA})"
         required[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,

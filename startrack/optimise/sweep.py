@@ -331,9 +331,13 @@ class Sweep:
 def key_columns(keys: Sequence[SweptKey]) -> list[Column]:
     """A column for each key, of rows with `values`."""
     return [
-        Column(key.name, key.name.rpartition(".")[2], lambda row, at=at: row.values[at])
+        Column(key.name, key.name.rpartition(".")[2], partial(_value, at=at))
         for at, key in enumerate(keys)
     ]
+
+
+def _value(row: Any, at: int) -> str:
+    return str(row.values[at])
 
 
 def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:

@@ -43,7 +43,7 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
     text = capsys.readouterr().out
     [line] = [one for one in text.splitlines() if one.startswith("required")]
     assert "[" not in line
-    assert "Hall" in line
+    assert "gamma" in line
     level = ["--set", "campaign.requirements.level=99.73 %"]
     main([*command, *level])
     text = capsys.readouterr().out
@@ -104,7 +104,7 @@ def test_an_rms_beside_trials_without_attitude_has_the_interval_of_the_verdict()
             )
             assert (summary.across != before.across) == (kind == "per axis")
             assert summary.about != before.about
-            assert ["Hall" in line for line in lines] == [kind == "per axis", True]
+            assert ["gamma" in line for line in lines] == [kind == "per axis", True]
 
 
 def test_a_level_that_happens_to_equal_the_rms_is_none():
@@ -113,7 +113,7 @@ def test_a_level_that_happens_to_equal_the_rms_is_none():
     )
     before, summary, lines = _verdict(needs, np.full(100, 1e-5), np.ones(100, bool))
     assert summary == before
-    assert not any("Hall" in line for line in lines)
+    assert not any("gamma" in line for line in lines)
 
 
 def test_an_rms_in_the_worst_region_is_not_that_of_the_summary():
@@ -121,7 +121,7 @@ def test_an_rms_in_the_worst_region_is_not_that_of_the_summary():
     needs = Requirements(max_across=60 * arcsec, sky="worst")
     before, summary, lines = _verdict(needs, rng.normal(0, 1e-5, 500), np.ones(500, bool))
     assert summary == before
-    assert "Hall" not in lines[0]
+    assert "gamma" not in lines[0]
 
 
 def test_a_region_without_trials_bounds_no_error():
